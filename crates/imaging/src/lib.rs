@@ -1,0 +1,12 @@
+//! Pixel buffers, sampling and remapping, filters, pyramids, colour, picture files.
+//!
+//! Pixel (0, 0) is the *centre* of the top-left pixel; u runs right, v runs down (`CONVENTIONS.md`).
+
+pub mod colour;
+pub mod files;
+pub mod plane;
+pub mod pyramid;
+pub mod sample;
+
+pub use files::ImageError;
+pub use plane::{Gray, Plane, Rgb};

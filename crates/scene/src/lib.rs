@@ -1,0 +1,1 @@
+//! The twin's world: a walking person in a room, rendered exactly, with ground truth.

@@ -1,0 +1,1 @@
+//! The loop: from a pair of pictures to setpoints for the axes.

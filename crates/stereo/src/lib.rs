@@ -1,0 +1,1 @@
+//! All that concerns a pair: match, triangulate, electronic vergence, compose for a display.

@@ -1,0 +1,1 @@
+//! Find a target, follow it, filter its motion and predict it.
