@@ -18,7 +18,7 @@ pub struct Frame {
 /// Left and right of one moment.
 #[derive(Clone, Debug)]
 pub struct StereoFrame {
-    /// Counts pairs from 0.
+    /// Number of the pair: from 0, rising strictly. A source that knows where pairs were lost leaves gaps there.
     pub index: u64,
     /// Left picture.
     pub left: Frame,
@@ -61,14 +61,17 @@ pub struct SourceInfo {
     pub pairs: Option<u64>,
 }
 
-/// A stream of stereo frames. `E` of the result is the crate's error.
+/// A stream of stereo frames.
 pub trait Source {
     /// What is known beforehand.
     fn info(&self) -> &SourceInfo;
 
-    /// The next pair, or `None` at the end. Pairs come in order of their capture time. `reuse` is an old pair whose
+    /// The next pair, or `None` at the end and ever after, also after an error. Pairs come in order of their capture time. `reuse` is an old pair whose
     /// buffers may be used again.
-    fn next_pair(&mut self, reuse: Option<StereoFrame>) -> Result<Option<StereoFrame>, crate::CaptureError>;
+    fn next_pair(
+        &mut self,
+        reuse: Option<StereoFrame>,
+    ) -> Result<Option<StereoFrame>, crate::CaptureError>;
 
     /// Counts of what was dropped on the way so far.
     fn dropped_pairs(&self) -> u64;

@@ -1,1 +1,39 @@
-fn main() {}
+//! `vergence`: plans, runs and grades stereo camera arrays.
+//!
+//! `main` turns what a command returned into an exit code; [`run`] chooses the command. Data goes to stdout, talk to
+//! stderr; 0 is success, 1 a failure, 2 a call that cannot be answered as it was typed.
+
+mod args;
+mod config;
+mod fault;
+mod figure;
+mod output;
+mod plan;
+mod project;
+mod rig;
+mod run;
+mod settings;
+mod twin;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use args::{Args, Command};
+
+fn main() -> ExitCode {
+    match run(&Args::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => fault::report(&error),
+    }
+}
+
+/// Run the command that was typed.
+fn run(args: &Args) -> anyhow::Result<()> {
+    match &args.command {
+        Command::Plan(plan) => plan::run(&args.global, plan),
+        Command::Project(project) => project::run(&args.global, project),
+        Command::Run(args_of_run) => run::run(&args.global, args_of_run),
+        Command::Config(config) => config::run(&args.global, config),
+    }
+}

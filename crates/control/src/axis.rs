@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::error::ControlError;
+
 /// The four axes of the head, in the order of `HeadAngles::to_array`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -24,6 +26,11 @@ impl AxisName {
         AxisName::LeftVergence,
         AxisName::RightVergence,
     ];
+
+    /// Place in the order of the axes.
+    pub fn index(self) -> usize {
+        self as usize
+    }
 }
 
 /// What an axis may do; angles in radians at the output of the gears.
@@ -39,6 +46,42 @@ pub struct AxisLimits {
     pub acceleration_max_rad_s2: f64,
     /// Largest jerk, rad/s³; > 0.
     pub jerk_max_rad_s3: f64,
+}
+
+impl AxisLimits {
+    /// Whether a motor can have these limits: finite, a range of positions, all rates > 0.
+    pub fn check(&self, axis: AxisName) -> Result<(), ControlError> {
+        let wrong = |field, value, rule| {
+            Err(ControlError::AxisSetting {
+                axis,
+                field,
+                value,
+                rule,
+            })
+        };
+        for (field, value) in [
+            ("position_min_rad", self.position_min_rad),
+            ("position_max_rad", self.position_max_rad),
+        ] {
+            if !value.is_finite() {
+                return wrong(field, value, "finite");
+            }
+        }
+        if self.position_max_rad <= self.position_min_rad {
+            let rule = "greater than position_min_rad";
+            return wrong("position_max_rad", self.position_max_rad, rule);
+        }
+        for (field, value) in [
+            ("velocity_max_rad_s", self.velocity_max_rad_s),
+            ("acceleration_max_rad_s2", self.acceleration_max_rad_s2),
+            ("jerk_max_rad_s3", self.jerk_max_rad_s3),
+        ] {
+            if !(value.is_finite() && value > 0.0) {
+                return wrong(field, value, "finite and greater than 0");
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Where an axis shall be, and how fast it shall be moving there.
@@ -80,8 +123,8 @@ pub struct AxisReading {
 /// Why an axis refused.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum AxisError {
-    /// A setpoint that is not a number.
-    #[error("setpoint of axis {axis:?} is not finite ({value})")]
+    /// A setpoint, or a time, that is not a number.
+    #[error("axis {axis:?} was given {value} in a setpoint or as the time: it must be finite")]
     NotFinite {
         /// Which axis.
         axis: AxisName,
@@ -96,16 +139,16 @@ pub enum AxisError {
         /// Its state.
         state: AxisState,
     },
-    /// Time went backwards, or a reading was asked for a time outside the kept history.
-    #[error("axis {axis:?} has no answer for {asked_s} s (kept: {from_s} s to {to_s} s)")]
+    /// Time went backwards, a setpoint is for a time too far away, or a reading was asked for outside the kept history.
+    #[error("axis {axis:?} cannot serve {asked_s} s (it can from {from_s} s to {to_s} s)")]
     OutOfHistory {
         /// Which axis.
         axis: AxisName,
         /// The time asked for, s.
         asked_s: f64,
-        /// Start of the kept history, s.
+        /// Earliest time served, s.
         from_s: f64,
-        /// End of the kept history, s.
+        /// Latest time served, s.
         to_s: f64,
     },
 }
@@ -121,11 +164,11 @@ pub trait Axis {
     /// Whether it takes setpoints.
     fn state(&self) -> AxisState;
 
-    /// Take a new setpoint at `now_s`; positions beyond the limits are clamped to them (the axis never goes there),
+    /// Take a new setpoint at `now_s` (for a time within a second of it); positions beyond the limits are clamped to them (the axis never goes there),
     /// numbers that are not finite are refused. `now_s` never decreases from call to call.
     fn command(&mut self, setpoint: &AxisSetpoint, now_s: f64) -> Result<(), AxisError>;
 
-    /// Slow down within the limits and stay.
+    /// Slow down within the limits and stay. An axis that is unhomed or at fault stands anyway and stays as it is.
     fn hold(&mut self, now_s: f64) -> Result<(), AxisError>;
 
     /// The step counter's reading at a past time (at least the last second is kept) or at the newest time commanded.

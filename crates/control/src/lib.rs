@@ -1,5 +1,43 @@
-//! Vergence control: limits, the axis, simulated motors, setpoints, modes.
+//! Vergence control: from what is known of a target to motors that keep it at zero parallax.
+//!
+//! The loop calls [`Controller::step`] once per frame and gives its output to four [`Axis`]. [`SimulatedHead`] stands in for the motors: the
+//! twin asks it where the cameras truly stand, the loop only learns what step counters say. Nothing here reads a clock.
+//!
+//! | module | what |
+//! |---|---|
+//! | [`axis`] | what the loop knows of a motor |
+//! | [`law`] | angles, rates and shifts from a moving target: pure geometry |
+//! | [`controller`], [`settings`] | the control law with its memory |
+//! | [`state`] | searching, tracking, coasting, holding, parking |
+//! | [`mode`] | parallel, converged, shifted, and `auto` |
+//! | [`aim`] | smoothing of pan and tilt |
+//! | [`backlash`] | play: its operator, its compensation, its observer |
+//! | [`motion`], [`monitor`] | the trajectory within limits, and who counts |
+//! | [`stepper`], [`head`] | the simulated axes |
 
+pub mod aim;
 pub mod axis;
+pub mod backlash;
+pub mod controller;
+pub mod error;
+pub mod head;
+pub mod law;
+pub mod mode;
+pub mod monitor;
+pub mod motion;
+pub mod settings;
+pub mod state;
+pub mod stepper;
 
+pub use aim::AimSmoothing;
 pub use axis::{Axis, AxisError, AxisLimits, AxisName, AxisReading, AxisSetpoint, AxisState};
+pub use backlash::{BacklashCompensator, LoadObserver};
+pub use controller::{AxisCommand, ControlOutput, Controller, Transition};
+pub use error::ControlError;
+pub use head::{BoxedAxis, HeadConfig, SimulatedHead};
+pub use law::{Nulling, TargetEstimate, shift_px_from_target};
+pub use mode::{AutoThreshold, ModeChange, ModeRequest, ModeSettings, RunningMode};
+pub use monitor::LimitViolations;
+pub use settings::ControlSettings;
+pub use state::{ControlState, LossTimes};
+pub use stepper::{AxisConfig, SimulatedAxis};

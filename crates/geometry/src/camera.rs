@@ -281,9 +281,11 @@ mod tests {
         let h = 1e-6;
         for (x, y) in [(0.0, 0.0), (0.2, -0.1), (-0.25, 0.15)] {
             let j = model.jacobian(&Point2::new(x, y));
-            let dx = (model.distort(&Point2::new(x + h, y)) - model.distort(&Point2::new(x - h, y)))
+            let dx = (model.distort(&Point2::new(x + h, y))
+                - model.distort(&Point2::new(x - h, y)))
                 / (2.0 * h);
-            let dy = (model.distort(&Point2::new(x, y + h)) - model.distort(&Point2::new(x, y - h)))
+            let dy = (model.distort(&Point2::new(x, y + h))
+                - model.distort(&Point2::new(x, y - h)))
                 / (2.0 * h);
             for (a, b) in j.iter().zip([dx.x, dy.x, dx.y, dy.y]) {
                 assert!((a - b).abs() < 1e-7, "{a} {b}");

@@ -55,19 +55,23 @@ pub fn read_gray(path: &Path) -> Result<Gray, ImageError> {
     Ok(crate::colour::luma_from_rgb(&read_rgb(path)?))
 }
 
+/// Width and height of a picture in pixels, from its header alone: the rest of the file may still be unreadable.
+pub fn read_size(path: &Path) -> Result<(usize, usize), ImageError> {
+    let (reader, refused) = open(path)?;
+    let (w, h) =
+        std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| reader.into_dimensions()))
+            .map_err(|_| refused(&"the decoder gave up on it"))?
+            .map_err(|e| refused(&e))?;
+    if w > MAX_SIDE || h > MAX_SIDE {
+        return Err(refused(&format!(
+            "it is {w} x {h} pixels; a side may have {MAX_SIDE}"
+        )));
+    }
+    Ok((w as usize, h as usize))
+}
+
 fn decode(path: &Path) -> Result<image::DynamicImage, ImageError> {
-    let file = std::fs::File::open(path).map_err(|source| ImageError::Io {
-        action: "opening a picture",
-        source,
-        path: path.to_owned(),
-    })?;
-    let refused = |e: &dyn std::fmt::Display| ImageError::Decode {
-        reason: e.to_string(),
-        path: path.to_owned(),
-    };
-    let mut reader = image::ImageReader::new(std::io::BufReader::new(file))
-        .with_guessed_format()
-        .map_err(|e| refused(&e))?;
+    let (mut reader, refused) = open(path)?;
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(MAX_SIDE);
     limits.max_image_height = Some(MAX_SIDE);
@@ -77,6 +81,34 @@ fn decode(path: &Path) -> Result<image::DynamicImage, ImageError> {
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| reader.decode()))
         .map_err(|_| refused(&"the decoder gave up on it"))?
         .map_err(|e| refused(&e))
+}
+
+type Reader = image::ImageReader<std::io::BufReader<std::fs::File>>;
+
+/// A reader for a file, and what makes a decoder's complaint an error that names it.
+fn open(
+    path: &Path,
+) -> Result<
+    (
+        Reader,
+        impl Fn(&dyn std::fmt::Display) -> ImageError + use<>,
+    ),
+    ImageError,
+> {
+    let file = std::fs::File::open(path).map_err(|source| ImageError::Io {
+        action: "opening a picture",
+        source,
+        path: path.to_owned(),
+    })?;
+    let named = path.to_owned();
+    let refused = move |e: &dyn std::fmt::Display| ImageError::Decode {
+        reason: e.to_string(),
+        path: named.clone(),
+    };
+    let reader = image::ImageReader::new(std::io::BufReader::new(file))
+        .with_guessed_format()
+        .map_err(|e| refused(&e))?;
+    Ok((reader, refused))
 }
 
 /// Write RGB as PNG or JPEG by the file's extension (`.png`, `.jpg`, `.jpeg`; JPEG quality 92). The file appears
@@ -112,14 +144,27 @@ fn encode_rgb(path: &Path, picture: &Rgb) -> Result<Vec<u8>, ImageError> {
         Some("png") => image::codecs::png::PngEncoder::new(&mut bytes)
             .write_image(samples, w, h, colour)
             .map_err(|e| failed(e.to_string()))?,
-        Some("jpg" | "jpeg") => image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 92)
-            .write_image(samples, w, h, colour)
-            .map_err(|e| failed(e.to_string()))?,
+        Some("jpg" | "jpeg") => return jpeg_from_rgb(picture).map_err(failed),
         _ => {
             return Err(failed(
                 "the file's name must end in .png, .jpg or .jpeg".to_owned(),
             ));
         }
     }
+    Ok(bytes)
+}
+
+/// Baseline JPEG of quality 92.
+pub(crate) fn jpeg_from_rgb(picture: &Rgb) -> Result<Vec<u8>, String> {
+    use image::ImageEncoder as _;
+    let mut bytes = Vec::new();
+    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 92)
+        .write_image(
+            picture.samples().as_flattened(),
+            picture.width() as u32,
+            picture.height() as u32,
+            image::ExtendedColorType::Rgb8,
+        )
+        .map_err(|e| e.to_string())?;
     Ok(bytes)
 }

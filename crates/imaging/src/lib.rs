@@ -2,7 +2,9 @@
 //!
 //! Pixel (0, 0) is the *centre* of the top-left pixel; u runs right, v runs down (`CONVENTIONS.md`).
 
+pub mod avi;
 pub mod colour;
+pub mod fft;
 pub mod files;
 pub mod plane;
 pub mod pyramid;

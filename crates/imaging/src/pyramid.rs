@@ -61,9 +61,7 @@ impl Pyramid {
     /// When the size differs.
     pub fn update(&mut self, base: &Gray) {
         assert_eq!(base.size(), self.levels[0].size(), "size of the base");
-        self.levels[0]
-            .samples_mut()
-            .copy_from_slice(base.samples());
+        self.levels[0].samples_mut().copy_from_slice(base.samples());
         for i in 1..self.levels.len() {
             let (below, above) = self.levels.split_at_mut(i);
             half_into(&below[i - 1], &mut above[0]);

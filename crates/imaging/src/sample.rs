@@ -68,12 +68,7 @@ pub fn remap<T: Blend>(
                 source.at(x0, y1),
                 source.at(x1, y1),
             ],
-            [
-                (1.0 - a) * (1.0 - b),
-                a * (1.0 - b),
-                (1.0 - a) * b,
-                a * b,
-            ],
+            [(1.0 - a) * (1.0 - b), a * (1.0 - b), (1.0 - a) * b, a * b],
         )
     })
 }

@@ -1,1 +1,19 @@
-//! The loop: from a pair of pictures to setpoints for the axes.
+//! The loop: from a pair of pictures to setpoints for the axes (visual servoing).
+//!
+//! [`Servo::step`] takes one pair and does everything that follows from it; see `ARCHITECTURE.md` for the order. It is
+//! synchronous, owns its buffers, reads no clock and draws no random numbers: the same pairs and times give the same
+//! bytes. Wall time of its stages is measured beside it ([`stages`]) and steers nothing.
+
+pub mod error;
+mod prior;
+pub mod rigging;
+pub mod servo;
+pub mod stages;
+pub mod step;
+
+pub use error::ServoError;
+pub use prior::disparity_of_point;
+pub use rigging::{Motors, Rigging};
+pub use servo::{Servo, ServoSettings};
+pub use stages::{Stage, StageTimes, Stopwatch};
+pub use step::{Measured, Step};

@@ -1,1 +1,11 @@
 //! All that concerns a pair: match, triangulate, electronic vergence, compose for a display.
+//!
+//! Frames, units and signs are those of `CONVENTIONS.md` at the root of the repository; pixels are full-size pixels.
+
+pub mod compose;
+pub mod electronic;
+pub mod error;
+pub mod measure;
+pub mod triangulate;
+
+pub use error::StereoError;

@@ -1,1 +1,31 @@
 //! Find a target, follow it, filter its motion and predict it.
+//!
+//! [`Follower`] finds a person who moves and follows it in the left picture of a stereo head, whose own motion is taken
+//! out; [`filter`] turns what is seen and ranged into position and velocity in space and predicts them.
+
+mod appearance;
+mod background;
+mod belief;
+mod correlation;
+pub mod error;
+pub mod filter;
+pub mod follow;
+mod motion;
+mod movers;
+mod outline;
+mod range;
+mod sampling;
+mod search;
+mod silhouette;
+pub mod two_view;
+pub mod view;
+mod window;
+
+pub use error::TrackError;
+pub use follow::{FollowSettings, Follower, check_box};
+pub use movers::Posture;
+pub use two_view::{TwoViewReport, TwoViewSettings, TwoViewSighting, TwoViewTracker, TwoViews};
+pub use view::{
+    EyeView, FollowState, Observation, PixelBox, Prior, RangeNote, Reason, Report, Sighting,
+    SightingKind,
+};

@@ -1,0 +1,116 @@
+//! What can be typed: the flags of every command and their manual pages.
+
+use std::path::PathBuf;
+
+use clap::{Parser, Subcommand};
+
+use crate::config::ConfigArgs;
+use crate::fault;
+use crate::plan::PlanArgs;
+use crate::project::ProjectArgs;
+use crate::run::RunArgs;
+use crate::settings::{Override, Settings};
+
+const ABOUT: &str = "\
+Vergence plans, runs and grades stereo camera arrays.
+
+One model of the geometry stands under everything: two cameras (parallel, converged or shifted), a screen and a viewer. \
+Without any settings it answers for the rig of Yang, Xu, Lv and Song (Sensors 2016, 16(3), 421): 70 mm between the \
+cameras, 6.5 mm lenses, 1/3-inch sensors of 1024x768 pixels, a screen that shows the picture 50 times as large, seen from 0.7 m \
+by eyes 65 mm apart.";
+
+const AFTER: &str = "\
+Examples:
+  vergence run                               a walking person, held at zero parallax
+  vergence plan                              the paper's rig, 1 m to 10 m
+  vergence plan --base 100mm --near 2m       another rig
+  vergence project --mode converged --convergence 1m --point 0.4,0.3,1
+  vergence config > rig.toml                 a settings file to edit
+  vergence --config rig.toml plan
+
+Units: lengths take m, mm, cm, um, in (bare number: metres); angles deg, rad, mrad, arcmin, arcsec (bare: degrees); \
+times s, ms, us, min (bare: seconds).
+Settings: flags win over VERGENCE_<SECTION>_<KEY> in the environment, that over the file of --config, that over defaults; \
+`vergence config` prints the effective ones and where each came from.
+Output: data on stdout, talk on stderr. Exit code 0: done; 1: failed; 2: the call cannot be answered as typed.";
+
+/// The command line.
+#[derive(Debug, Parser)]
+#[command(name = "vergence", version, about = ABOUT, after_help = AFTER, max_term_width = 100, subcommand_required = true, arg_required_else_help = true)]
+pub(crate) struct Args {
+    /// Flags of every command.
+    #[command(flatten)]
+    pub(crate) global: Global,
+    /// What to do.
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+/// Flags of every command.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Global {
+    /// Settings file (TOML); see `vergence config`.
+    #[arg(
+        long,
+        global = true,
+        value_name = "FILE",
+        env = "VERGENCE_CONFIG",
+        help_heading = "Settings"
+    )]
+    pub(crate) config: Option<PathBuf>,
+    /// Set any setting: --set camera.fps=25. May be repeated.
+    #[arg(
+        long,
+        global = true,
+        value_name = "SECTION.KEY=VALUE",
+        help_heading = "Settings"
+    )]
+    pub(crate) set: Vec<String>,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Say which camera mode suits which distances, and why.
+    Plan(PlanArgs),
+    /// Show where points of the scene fall in both pictures and where a viewer sees them.
+    Project(ProjectArgs),
+    /// Hold a walking person at zero parallax, on the simulated rig or on recorded pairs.
+    Run(Box<RunArgs>),
+    /// Print the effective settings with units, meanings and origins.
+    Config(ConfigArgs),
+}
+
+impl Global {
+    /// The settings: defaults, file, environment, `--set`, then the flags of the command.
+    pub(crate) fn settings(&self, flags: &[Override]) -> anyhow::Result<Settings> {
+        let mut overrides = Vec::new();
+        for text in &self.set {
+            let (path, value) = text.split_once('=').ok_or_else(|| {
+                fault::usage(format!("--set '{text}' has no '='"))
+                    .hint("write --set section.key=value, for example --set camera.fps=25")
+            })?;
+            overrides.push(Override {
+                path: path.trim().to_owned(),
+                flag: format!("--set {}", path.trim()),
+                text: value.trim().to_owned(),
+            });
+        }
+        overrides.extend_from_slice(flags);
+        // Variables that are not Unicode cannot be settings of ours.
+        let environment = std::env::vars_os()
+            .filter_map(|(n, v)| Some((n.into_string().ok()?, v.into_string().ok()?)));
+        Settings::load(self.config.as_deref(), environment, &overrides)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    //! The command line is consistent with itself.
+    use clap::CommandFactory;
+
+    #[test]
+    fn clap_accepts_the_definition() {
+        super::Args::command().debug_assert();
+    }
+}

@@ -1,0 +1,207 @@
+//! What a careful stereographer would say beside the numbers.
+
+use serde::Serialize;
+use vergence_geometry::ModeKind;
+use vergence_geometry::comfort::{Band, Keystone, Orthostereo, Rule};
+use vergence_geometry::planning::coverage::blind_until_m;
+use vergence_geometry::planning::{ModeRow, Setup};
+
+use super::report::{Question, Report};
+use super::text::metres;
+use crate::rig::refused;
+
+/// A warning with a stable code.
+#[derive(Debug, Serialize)]
+pub(crate) struct Warning {
+    pub(crate) code: &'static str,
+    pub(crate) text: String,
+}
+
+/// Pixels further from square than this deserve a word.
+const SQUARE_TOLERANCE: f64 = 0.01;
+/// Part of the width that a shift may cost; the planner's own design value.
+const CROP_LIMIT: f64 = 0.10;
+/// Roundness below which people look like cardboard; fitted to the paper's 7 m.
+const CARDBOARD: f64 = 0.10;
+
+/// All that apply, the gravest first.
+pub(super) fn of(question: &Question, report: &Report) -> anyhow::Result<Vec<Warning>> {
+    let mut out = Vec::new();
+    let mut warn = |code, text: Option<String>| {
+        if let Some(text) = text {
+            out.push(Warning { code, text });
+        }
+    };
+    warn("blind", blind(question)?);
+    warn("parallel_not_fusible", not_fusible(question, report));
+    warn("keystone", keystone(report));
+    warn("background", background(report));
+    warn("divergence", divergence(question, report));
+    warn("crop", crop(report));
+    warn("cardboard", cardboard(report));
+    warn("orthostereo", orthostereo(&question.setup));
+    warn("pixels", pixels(&question.setup));
+    warn("unconfirmed_rule", unconfirmed(&question.rule));
+    Ok(out)
+}
+
+fn rows(report: &Report, mode: ModeKind) -> impl Iterator<Item = (f64, &ModeRow)> {
+    report.table.iter().flat_map(move |t| {
+        t.row
+            .modes
+            .iter()
+            .filter(move |m| m.mode == mode)
+            .map(move |m| (t.row.distance_m, m))
+    })
+}
+
+fn blind(question: &Question) -> anyhow::Result<Option<String>> {
+    let until = blind_until_m(&question.setup).map_err(refused)?;
+    Ok((question.near_m < until).then(|| {
+        format!(
+            "Parallel cameras have nothing in common nearer than {}.",
+            metres(until)
+        )
+    }))
+}
+
+fn not_fusible(question: &Question, report: &Report) -> Option<String> {
+    let from = report.deciding()?.distances.parallel_fusible_from_m?;
+    (question.modes.contains(&ModeKind::Parallel) && question.near_m < from).then(|| {
+        format!(
+            "Parallel pictures of a target nearer than {} {} by the rule {}.",
+            metres(from),
+            question.rule.info().beyond,
+            question.rule.info().name
+        )
+    })
+}
+
+fn keystone(report: &Report) -> Option<String> {
+    let rule = Keystone::default();
+    let (z, worst) = rows(report, ModeKind::Converged)
+        .max_by(|a, b| a.1.corner_vertical_px.total_cmp(&b.1.corner_vertical_px))?;
+    (worst.corner_vertical_px > rule.acceptable_px).then(|| {
+        let from = report
+            .thresholds
+            .iter()
+            .find(|t| t.distances.rule == "keystone")
+            .and_then(|t| t.distances.toe_in_acceptable_from_m)
+            .map_or(String::new(), |z| format!(" from {} on it stays below", metres(z)));
+        format!(
+            "Toe-in on {} leaves {:.1} px ({:.2} mm on the screen, {:.1} arcmin) of vertical parallax in the corners; {} px is the limit (design value),{from}. \
+             Shifted pictures have none.",
+            metres(z),
+            worst.corner_vertical_px,
+            worst.corner_vertical_m * 1e3,
+            worst.corner_vertical_arcmin,
+            rule.acceptable_px,
+        )
+    })
+}
+
+fn background(report: &Report) -> Option<String> {
+    let from = report.deciding()?.distances.background_fusible_from_m?;
+    let (near, _) = rows(report, ModeKind::Converged)
+        .chain(rows(report, ModeKind::Shifted))
+        .next()?;
+    (near < from).then(|| {
+        format!(
+            "With zero parallax on a target nearer than {}, a background at {} is beyond the rule's limit behind the screen: keep it \
+             nearer, plain or out of focus.",
+            metres(from),
+            far(report)
+        )
+    })
+}
+
+fn far(report: &Report) -> String {
+    if report.setup.background_m.is_finite() {
+        metres(report.setup.background_m)
+    } else {
+        "infinity".to_owned()
+    }
+}
+
+fn divergence(question: &Question, report: &Report) -> Option<String> {
+    let eyes = question.setup.viewer.interocular_m;
+    let (z, worst) = rows(report, ModeKind::Converged)
+        .chain(rows(report, ModeKind::Shifted))
+        .filter(|(_, m)| m.background.p_m > eyes)
+        .max_by(|a, b| a.0.total_cmp(&b.0))?;
+    Some(format!(
+        "With zero parallax on {} (and nearer) the background has {:.1} mm of parallax, more than the eyes' {:.0} mm: they would have to diverge.",
+        metres(z),
+        worst.background.p_m * 1e3,
+        eyes * 1e3
+    ))
+}
+
+fn crop(report: &Report) -> Option<String> {
+    let (z, worst) = rows(report, ModeKind::Shifted)
+        .max_by(|a, b| a.1.crop_fraction.total_cmp(&b.1.crop_fraction))?;
+    (worst.crop_fraction > 0.75 * CROP_LIMIT).then(|| {
+        format!(
+            "Shifting the pictures to {} costs {:.1} % of their width; {:.0} % is the limit (design value). Wider sensors or pictures help.",
+            metres(z),
+            worst.crop_fraction * 100.0,
+            CROP_LIMIT * 100.0
+        )
+    })
+}
+
+fn cardboard(report: &Report) -> Option<String> {
+    let (z, flat) = rows(report, ModeKind::Converged)
+        .chain(rows(report, ModeKind::Shifted))
+        .chain(rows(report, ModeKind::Parallel))
+        .find(|(_, m)| m.roundness.is_some_and(|r| r < CARDBOARD))?;
+    let r = flat.roundness?;
+    Some(format!(
+        "At {} roundness is {r:.2} (1 = true shape): people look like cardboard figures; {CARDBOARD} is where the paper's observers saw no more \
+         difference (fitted). A longer base or lens helps.",
+        metres(z)
+    ))
+}
+
+fn orthostereo(setup: &Setup) -> Option<String> {
+    let rule = Orthostereo::default();
+    let report = rule.measure(
+        setup.array.interaxial_m,
+        setup.array.focal_m,
+        setup.screen.magnification,
+        &setup.viewer,
+    );
+    let verdict = Rule::Orthostereo(rule).verdict(report.deviation, &setup.viewing());
+    (verdict.band == Band::Excessive).then(|| {
+        let depth = if report.perspective_ratio > 1.0 { "stretched" } else { "flattened" };
+        format!(
+            "Not life-size: the perspective would be right from {} (V = M f), and the viewer sits at {}; depth is {depth} {:.2} times. \
+             Base over eyes is {:.2}.",
+            metres(report.right_viewing_distance_m),
+            metres(setup.viewer.distance_m),
+            if report.perspective_ratio > 1.0 { report.perspective_ratio } else { 1.0 / report.perspective_ratio },
+            report.base_ratio
+        )
+    })
+}
+
+fn pixels(setup: &Setup) -> Option<String> {
+    let ratio = setup.sensor.pitch_m() / setup.sensor.pitch_y_m();
+    ((ratio - 1.0).abs() > SQUARE_TOLERANCE).then(|| {
+        format!(
+            "Pixels are not square: {:.3} um wide, {:.3} um high. Check the sensor's size against the resolution.",
+            setup.sensor.pitch_m() * 1e6,
+            setup.sensor.pitch_y_m() * 1e6
+        )
+    })
+}
+
+fn unconfirmed(rule: &Rule) -> Option<String> {
+    let info = rule.info();
+    (!info.confirmed).then(|| {
+        format!(
+            "The constants of the rule {} could not be confirmed in their source: {}.",
+            info.name, info.source
+        )
+    })
+}

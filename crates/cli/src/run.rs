@@ -1,0 +1,160 @@
+//! `vergence run`: hold a walking person at zero parallax, on the simulated rig or on real footage.
+
+mod build;
+mod feed;
+mod folder;
+mod panel;
+mod plot;
+mod record;
+mod report;
+mod sample;
+mod session;
+mod shown;
+mod statistics;
+mod still;
+mod summary;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use anyhow::Context as _;
+
+use crate::args::Global;
+use crate::output::{self, Format};
+use crate::rig::{self, RigFlags};
+
+const LONG: &str = "\
+Run the loop: two cameras look, the target is found and followed, its distance is measured from the pair, filtered and predicted, and four \
+motors (pan, tilt, left and right vergence) keep both cameras on it.
+
+Without flags: the simulated rig (the twin) in real time. A person walks from 10 m to 1 m towards two cameras of 1024x768 at 30 fps; in mode \
+auto the axes stay parallel beyond the planner's threshold (seen depth, 5 %: 6.65 to 7.35 m) and converge nearer than it. \
+A live line shows the distance, the vergence angle, the parallax, the mode, the frame rate and the latency.
+
+With --source files: the same loop on a recorded pair, from folders of pictures or from videos (through the ffmpeg program), with the rig's calibration. Those \
+cameras cannot move, so vergence is electronic: each picture is turned by the homography by which a motor would have turned the camera.
+
+The run leaves a folder RUNS/<UTC time>/ with summary.json, frames.csv (one row per frame), plot.svg and plot.png, target_left.png and target_right.png (the \
+target with its distance drawn in), and a short sample of the pair side by side and red–cyan (AVI, PNG).";
+
+const AFTER: &str = "\
+Examples:
+  vergence run
+  vergence run --mode converged --path zigzag --seed 7 --fast
+  vergence run --path waypoints.csv --light dim --seconds 20s
+  vergence run --source files --left 'frames/left_*.jpg' --right 'frames/right_*.jpg' --calibration calib.json
+  vergence run --source files --left left.mp4 --right right.mp4 --calibration rig.toml --target 300,200,80,220
+
+Paths: walk, cross, zigzag, stop-and-go, occlude, two, or a CSV file of waypoints (time_s,x_m,z_m or x_m,z_m,speed_m_s).
+--fast gives the same results as real time, bit for bit: the twin runs on simulated time, and wall time is only reported.
+Lengths of 1 px of disparity: 0.041 degrees of vergence; on the default screen 0.23 mm. Ctrl-C ends a run early and finishes its files.
+docs/reference-run.md describes every field of summary.json and every column of frames.csv.";
+
+/// Where pairs come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum SourceKind {
+    /// The simulated rig.
+    #[default]
+    Twin,
+    /// Recorded pictures or videos with a calibration.
+    Files,
+}
+
+/// Flags of `vergence run`.
+#[derive(Debug, clap::Args)]
+#[command(long_about = LONG, after_help = AFTER)]
+pub(crate) struct RunArgs {
+    /// Where pairs come from.
+    #[arg(long, value_enum, default_value_t)]
+    source: SourceKind,
+    /// Camera mode: auto, converged, shifted, parallel [default: auto].
+    #[arg(long, value_name = "MODE")]
+    mode: Option<String>,
+    /// How the simulated person walks, by name or as a file of waypoints [default: walk].
+    #[arg(long, value_name = "PATH", help_heading = "Twin")]
+    path: Option<String>,
+    /// Seed of all randomness [default: 1].
+    #[arg(long, value_name = "N", help_heading = "Twin")]
+    seed: Option<String>,
+    /// Light in the simulated room: day, dim [default: day].
+    #[arg(long, value_name = "LIGHT", help_heading = "Twin")]
+    light: Option<String>,
+    /// Stop after this much time of the run [default: as long as the path or the recording].
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    seconds: Option<String>,
+    /// Do not wait for the wall clock.
+    #[arg(long)]
+    fast: bool,
+    /// No live line on the terminal.
+    #[arg(long)]
+    headless: bool,
+    /// Folder in which the run's folder is made [default: runs].
+    #[arg(long, value_name = "DIR")]
+    out: Option<String>,
+    /// A box around the target in the first left picture, pixels; without it whoever moves is the target.
+    #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true)]
+    target: Option<String>,
+    /// Left pictures: a folder, a pattern in quotes ('dir/left_*.jpg'), a video, or a URL.
+    #[arg(long, value_name = "PICTURES", help_heading = "Files")]
+    left: Option<PathBuf>,
+    /// Right pictures.
+    #[arg(long, value_name = "PICTURES", help_heading = "Files")]
+    right: Option<PathBuf>,
+    /// Calibration of the pair: our TOML, a DepthAI calib.json, a Qualisys file.
+    #[arg(long, value_name = "FILE", help_heading = "Files")]
+    calibration: Option<PathBuf>,
+    /// Which cameras of a calibration of many: LEFT,RIGHT by name or serial.
+    #[arg(long, value_name = "LEFT,RIGHT", help_heading = "Files")]
+    cameras: Option<String>,
+    /// Frames a second of numbered pictures; a video knows its own [default: 30].
+    #[arg(
+        long,
+        value_name = "RATE",
+        help_heading = "Files",
+        allow_hyphen_values = true
+    )]
+    fps: Option<String>,
+    /// How to print the summary.
+    #[arg(long, value_enum, default_value_t)]
+    format: Format,
+    #[command(flatten)]
+    rig: RigFlags,
+}
+
+/// Run.
+pub(crate) fn run(global: &Global, args: &RunArgs) -> anyhow::Result<()> {
+    let mut flags = args.rig.overrides()?;
+    for (path, flag, text) in [
+        ("run.mode", "--mode", &args.mode),
+        ("run.path", "--path", &args.path),
+        ("run.seed", "--seed", &args.seed),
+        ("run.light", "--light", &args.light),
+        ("run.seconds", "--seconds", &args.seconds),
+        ("run.out", "--out", &args.out),
+    ] {
+        rig::push(&mut flags, path, flag, text.as_deref());
+    }
+    let settings = global.settings(&flags)?;
+    let built = build::from_args(args, &settings)?;
+    let stop = stop_on_signals()?;
+    let outcome = session::run(built.feed, built.servo, &built.plan, &stop)?;
+    match args.format {
+        Format::Text => output::print(&report::text_of(&outcome))?,
+        Format::Json => output::print_json(&outcome.summary)?,
+    }
+    output::say(&format!("wrote {}", outcome.folder.display()));
+    Ok(())
+}
+
+/// A flag that Ctrl-C and SIGTERM set; a second one ends the program at once.
+fn stop_on_signals() -> anyhow::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        // Order matters: on the second signal the flag is already set.
+        signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))
+            .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
+            .context("cannot listen for Ctrl-C")?;
+    }
+    Ok(stop)
+}

@@ -1,0 +1,282 @@
+//! From flags and settings to a source, a loop and a plan; everything that can be refused is refused here.
+
+use std::path::PathBuf;
+
+use vergence_calib::RigCalibration;
+use vergence_capture::{FilesConfig, FilesSource, OnFault, TwinSource};
+use vergence_control::{AutoThreshold, ControlSettings, Controller, ModeRequest, ModeSettings};
+use vergence_geometry::comfort::Rule;
+use vergence_geometry::planning::{self, Setup};
+use vergence_geometry::{Screen, Viewer};
+use vergence_servo::{Motors, Rigging, Servo, ServoSettings};
+use vergence_track::{FollowSettings, PixelBox, Posture, check_box};
+
+use crate::fault::{self, Fault};
+use crate::settings::Settings;
+use crate::settings::quantity::Dimension;
+
+use super::feed::Feed;
+use super::session::Plan;
+use super::{RunArgs, SourceKind};
+
+/// The far edge of `auto` over the near one, at least: between them nothing changes.
+const LEAST_BAND: f64 = 1.02;
+
+/// Ready to run.
+pub(crate) struct Built {
+    pub(crate) feed: Feed,
+    pub(crate) servo: Servo,
+    pub(crate) plan: Plan,
+}
+
+pub(crate) fn from_args(args: &RunArgs, settings: &Settings) -> anyhow::Result<Built> {
+    let target = args.target.as_deref().map(box_from_text).transpose()?;
+    let setup = crate::rig::setup(settings);
+    let (feed, servo) = match args.source {
+        SourceKind::Twin => twin(args, settings, &setup, target)?,
+        SourceKind::Files => files(args, target)?,
+    };
+    let twin = args.source == SourceKind::Twin;
+    let pitch_m = match &feed {
+        Feed::Twin(_) => setup.sensor.pitch_m(),
+        // Footage is shown as wide as the setup's sensor would be.
+        Feed::Files(f) => setup.sensor.width_m / f.calibration().cameras[0].intrinsics.width as f64,
+    };
+    let plan = Plan {
+        real_time: !args.fast,
+        headless: args.headless,
+        seconds: settings.number_or_auto("run.seconds"),
+        out: PathBuf::from(settings.word("run.out")),
+        mode: if twin {
+            settings.word("run.mode")
+        } else {
+            "converged"
+        }
+        .to_owned(),
+        seed: twin.then(|| settings.number("run.seed") as u64),
+        pitch_m,
+        screen: Screen {
+            magnification: setup.screen.magnification,
+        },
+        viewer: Viewer { ..setup.viewer },
+    };
+    Ok(Built { feed, servo, plan })
+}
+
+fn twin(
+    args: &RunArgs,
+    settings: &Settings,
+    setup: &Setup,
+    target: Option<PixelBox>,
+) -> anyhow::Result<(Feed, Servo)> {
+    for (flag, given) in [
+        ("--left", args.left.is_some()),
+        ("--right", args.right.is_some()),
+        ("--calibration", args.calibration.is_some()),
+        ("--cameras", args.cameras.is_some()),
+        ("--fps", args.fps.is_some()),
+    ] {
+        if given {
+            return Err(fault::usage(format!("{flag} has no meaning for the twin"))
+                .hint("add --source files to run on recorded pictures")
+                .into());
+        }
+    }
+    let config = crate::twin::config(settings)?;
+    let camera = config.cameras[0].camera;
+    let (geometry, head) = (config.geometry, config.head);
+    check_target(target, &camera)?;
+    let source = TwinSource::new(config).map_err(|e| fault::usage(e.to_string()))?;
+    let control = ControlSettings {
+        focal_px: camera.intrinsics.fx,
+        backlash_rad: head.backlash_rad(),
+        mode: mode_settings(settings, setup)?,
+        ..ControlSettings::default()
+    };
+    let backlash = control.backlash_rad;
+    let controller = Controller::new(control, geometry, head.limits())
+        .map_err(|e| fault::usage(e.to_string()))?;
+    let motors = Motors::new(geometry, source.head().axes(), backlash, controller);
+    let feed = Feed::Twin(Box::new(source));
+    let servo = Servo::new(
+        feed.info(),
+        Rigging::Motors(Box::new(motors)),
+        ServoSettings {
+            target,
+            ..ServoSettings::default()
+        },
+    )?;
+    Ok((feed, servo))
+}
+
+/// The mode that was asked for; for `auto` with the distances between which this rig, this screen and the default rule change over.
+fn mode_settings(settings: &Settings, setup: &Setup) -> anyhow::Result<ModeSettings> {
+    let request = match settings.word("run.mode") {
+        "parallel" => ModeRequest::Parallel,
+        "converged" => ModeRequest::Converged,
+        "shifted" => ModeRequest::Shifted,
+        _ => ModeRequest::Auto,
+    };
+    let rule = Rule::default();
+    let found = planning::thresholds(setup, &rule).map_err(|e| fault::usage(e.to_string()))?;
+    let mut mode = ModeSettings {
+        request,
+        ..ModeSettings::default()
+    };
+    if let Some(near_m) = found.converged_stops_mattering_m {
+        let far_m = found.indistinguishable_from_m.unwrap_or(near_m);
+        mode.threshold = AutoThreshold {
+            near_m,
+            far_m: far_m.max(near_m * LEAST_BAND),
+            rule: format!("{} 5 %", rule.info().name),
+        };
+    }
+    Ok(mode)
+}
+
+fn files(args: &RunArgs, target: Option<PixelBox>) -> anyhow::Result<(Feed, Servo)> {
+    for (flag, given) in [
+        ("--path", args.path.is_some()),
+        ("--seed", args.seed.is_some()),
+        ("--light", args.light.is_some()),
+    ] {
+        if given {
+            return Err(
+                fault::usage(format!("{flag} has no meaning for recorded pictures")).into(),
+            );
+        }
+    }
+    if args.mode.as_deref().is_some_and(|mode| mode != "converged") {
+        return Err(
+            fault::usage("recorded pictures are shown in mode converged only")
+                .hint("leave --mode out")
+                .into(),
+        );
+    }
+    let left = needed(args.left.as_ref(), "--left")?;
+    let right = needed(args.right.as_ref(), "--right")?;
+    let calibration = needed(args.calibration.as_ref(), "--calibration")?;
+    let choice = args.cameras.as_deref().map(names_from_text).transpose()?;
+    let rig =
+        RigCalibration::read(&calibration, choice).map_err(|e| fault::usage(e.to_string()))?;
+    let fps = args
+        .fps
+        .as_deref()
+        .map(|text| rate_from_text(text, "--fps"))
+        .transpose()?;
+    let config = FilesConfig {
+        left,
+        right,
+        fps,
+        unpaired: OnFault::Refuse,
+        unreadable: OnFault::Refuse,
+        ..FilesConfig::default()
+    };
+    let source = FilesSource::open(&config, &rig).map_err(|e| fault::usage(e.to_string()))?;
+    let poses = source.calibration().base_from_cam;
+    check_target(target, &source.calibration().cameras[0])?;
+    let feed = Feed::Files(Box::new(source));
+    let servo = Servo::new(
+        feed.info(),
+        Rigging::Fixed(poses),
+        ServoSettings {
+            target,
+            follow: FollowSettings {
+                posture: Posture::Any,
+                ..FollowSettings::default()
+            },
+            ..ServoSettings::default()
+        },
+    )?;
+    Ok((feed, servo))
+}
+
+/// Frames a second as typed.
+fn rate_from_text(text: &str, flag: &str) -> Result<f64, Fault> {
+    let wrong = |why: &str| {
+        fault::usage(format!("{flag} '{text}': {why}")).hint("write a rate, for example 25 or 25Hz")
+    };
+    let rate = Dimension::Rate.parse(text).map_err(|e| wrong(&e))?;
+    if rate > 0.0 && rate.is_finite() {
+        Ok(rate)
+    } else {
+        Err(wrong("must be greater than 0"))
+    }
+}
+
+fn needed(given: Option<&PathBuf>, flag: &str) -> Result<PathBuf, Fault> {
+    given.cloned().ok_or_else(|| {
+        fault::usage(format!("--source files needs {flag}"))
+            .hint("give --left, --right and --calibration")
+    })
+}
+
+fn names_from_text(text: &str) -> Result<[&str; 2], Fault> {
+    text.split_once(',')
+        .map(|(left, right)| [left.trim(), right.trim()])
+        .ok_or_else(|| {
+            fault::usage(format!("--cameras '{text}' does not name two cameras"))
+                .hint("write the left and the right one, for example cam03,cam04")
+        })
+}
+
+/// `x,y,w,h` in pixels.
+fn box_from_text(text: &str) -> Result<PixelBox, Fault> {
+    let wrong = || {
+        fault::usage(format!("--target '{text}' is no box"))
+            .hint("write x,y,w,h in pixels of the left picture, for example 300,200,80,220")
+    };
+    let numbers: Vec<f64> = text
+        .split(',')
+        .map(|part| part.trim().parse::<f64>().ok().filter(|n| n.is_finite()))
+        .collect::<Option<_>>()
+        .ok_or_else(wrong)?;
+    let [x, y, w, h] = numbers[..] else {
+        return Err(wrong());
+    };
+    if w <= 0.0 || h <= 0.0 {
+        return Err(fault::usage(format!(
+            "--target '{text}': width and height must be greater than 0"
+        )));
+    }
+    Ok(PixelBox { x, y, w, h })
+}
+
+fn check_target(target: Option<PixelBox>, camera: &vergence_geometry::Camera) -> Result<(), Fault> {
+    let k = &camera.intrinsics;
+    match target {
+        None => Ok(()),
+        Some(target) => check_box(&target, k.width, k.height)
+            .map_err(|e| fault::usage(format!("--target: {e}"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Boxes are four finite numbers with an area.
+    #[test]
+    fn boxes() {
+        assert_eq!(
+            box_from_text("1, 2.5,30,40").unwrap(),
+            PixelBox {
+                x: 1.0,
+                y: 2.5,
+                w: 30.0,
+                h: 40.0
+            }
+        );
+        for bad in [
+            "",
+            "1,2,3",
+            "1,2,3,4,5",
+            "a,2,3,4",
+            "1,2,nan,4",
+            "1,2,0,4",
+            "1,2,3,-4",
+        ] {
+            assert!(box_from_text(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,131 @@
+//! The summary as a person reads it.
+
+use std::fmt::Write as _;
+
+use super::session::Outcome;
+use super::statistics::Spread;
+use super::summary::Summary;
+
+pub(crate) fn text_of(outcome: &Outcome) -> String {
+    let s = &outcome.summary;
+    let mut out = String::new();
+    let mut line = |label: &str, text: &str| {
+        // A String takes every write.
+        let _ = writeln!(out, "{label:<18}{text}");
+    };
+    line("source", &s.source);
+    line("run", &run(s));
+    line("target", &target(s));
+    if let Some(error) = s.vergence_error_px {
+        let meaning = "px of disparity at the target while zero was asked for";
+        line("vergence error", &format!("{} {meaning}", spread(&error)));
+    }
+    if let Some(parallax) = s.parallax_px {
+        let meaning = "px of disparity as shown, all modes";
+        line("parallax", &format!("{} {meaning}", spread(&parallax)));
+    }
+    if let Some(error) = s.pointing_error_px {
+        line(
+            "pointing error",
+            &format!("{} px from the centre", spread(&error)),
+        );
+    }
+    if let Some(range) = &s.range_error {
+        let percent = 100.0 * range.rms_relative;
+        line(
+            "range error",
+            &format!("{:.3} m RMS, {percent:.2} % of the distance", range.rms_m),
+        );
+    }
+    if let Some(nis) = s.filter.nis_mean {
+        let updates = s.filter.updates;
+        line(
+            "filter",
+            &format!("mean NIS {nis:.2} over {updates} updates (3 when consistent)"),
+        );
+    }
+    for change in &s.mode_changes {
+        let text = format!(
+            "{} → {} at {:.2} s: {}",
+            change.from, change.to, change.time_s, change.reason
+        );
+        line("mode", &text);
+    }
+    if let Some(latency) = s.latency_ms {
+        let text = format!(
+            "{:.1} ms median, {:.1} ms p95, {:.1} ms p99",
+            latency.p50, latency.p95, latency.p99
+        );
+        line(
+            "latency",
+            &format!("{text}, capture to setpoint (rendering not counted)"),
+        );
+    }
+    if let Some(total) = s.stage_ms.get("loop") {
+        let stages: Vec<String> = s
+            .stage_ms
+            .iter()
+            .filter(|(name, _)| *name != "loop")
+            .map(|(name, q)| format!("{name} {:.1}", q.p50))
+            .collect();
+        line(
+            "loop",
+            &format!("{:.1} ms a pair ({})", total.p50, stages.join(", ")),
+        );
+    }
+    line("limit violations", &s.limit_violations.to_string());
+    out
+}
+
+fn run(s: &Summary) -> String {
+    let mut text = format!(
+        "{} frames, {:.2} s of the run's clock, {:.1} fps",
+        s.frames, s.seconds, s.fps
+    );
+    let pace = if s.real_time {
+        "real time"
+    } else {
+        "as fast as it can"
+    };
+    let _ = write!(text, " ({pace})");
+    for (count, what) in [
+        (s.dropped_pairs, "pairs dropped"),
+        (s.late_frames, "frames late"),
+    ] {
+        if count > 0 {
+            let _ = write!(text, ", {count} {what}");
+        }
+    }
+    if s.interrupted {
+        text.push_str(", interrupted");
+    }
+    text
+}
+
+fn target(s: &Summary) -> String {
+    let Some(found) = s.target.found_after_s else {
+        return "not found".to_owned();
+    };
+    let mut text = format!("found after {found:.2} s");
+    if let Some(share) = s.target.tracked_fraction {
+        let _ = write!(
+            text,
+            ", tracked in {:.1} % of the frames since",
+            100.0 * share
+        );
+    }
+    for refound in &s.target.refound_after_s {
+        let _ = match refound {
+            Some(seconds) => write!(text, ", seen again {seconds:.2} s after it reappeared"),
+            None => write!(text, ", not seen again after it reappeared"),
+        };
+    }
+    if s.target.ended_on_target == Some(false) {
+        text.push_str(", not on the target at the end");
+    }
+    text
+}
+
+fn spread(s: &Spread) -> String {
+    format!("{:.2} RMS, {:.2} p95, {:.2} largest,", s.rms, s.p95, s.max)
+}

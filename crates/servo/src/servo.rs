@@ -1,0 +1,376 @@
+//! One step of the loop after another.
+
+use nalgebra::{Matrix2, Vector2};
+use vergence_capture::{SourceInfo, StereoFrame};
+use vergence_control::{ControlOutput, TargetEstimate as ControlTarget};
+use vergence_geometry::{Camera, Eye};
+use vergence_imaging::Gray;
+use vergence_imaging::colour::luma_from_rgb_into;
+use vergence_imaging::pyramid::Pyramid;
+use vergence_stereo::measure::{self, MatchSettings, Matcher, Region};
+use vergence_track::filter::{
+    FilterSettings, Observation, Sight, TargetEstimate, TargetFilter, Update,
+};
+use vergence_track::{
+    EyeView, FollowSettings, Follower, PixelBox, Prior, RangeNote, Report, Sighting, SightingKind,
+};
+
+use crate::error::ServoError;
+use crate::prior::prior_from_estimate;
+use crate::rigging::{Rigging, Stance};
+use crate::stages::{Stage, StageTimes};
+use crate::step::{Measured, Step};
+
+/// Levels of the pyramids: 64 x 48 pixels at the top of 1024 x 768.
+const LEVELS: usize = 5;
+
+/// Settings of the loop.
+#[derive(Clone, Debug, Default)]
+pub struct ServoSettings {
+    /// How the target is found and followed.
+    pub follow: FollowSettings,
+    /// A box around the target in the first left picture; it is found by its motion otherwise.
+    pub target: Option<PixelBox>,
+    /// How its motion is filtered.
+    pub filter: FilterSettings,
+    /// How its disparity is measured.
+    pub matching: MatchSettings,
+}
+
+/// The loop: owns the buffers and the state of every stage.
+pub struct Servo {
+    cameras: [Camera; 2],
+    rigging: Rigging,
+    pictures: [Pictures; 2],
+    follower: Follower,
+    matcher: Matcher,
+    relief_m: f64,
+    filter: TargetFilter,
+}
+
+/// Grey picture and pyramid of one eye, kept between steps.
+struct Pictures {
+    luma: Gray,
+    pyramid: Pyramid,
+}
+
+impl Servo {
+    /// A loop on the cameras of a source, carried by `rigging`.
+    pub fn new(
+        info: &SourceInfo,
+        rigging: Rigging,
+        settings: ServoSettings,
+    ) -> Result<Self, ServoError> {
+        match (&rigging, &info.fixed_base_from_cam) {
+            (Rigging::Motors(_), Some(_)) => {
+                return Err(ServoError::Rigging(
+                    "the source says that its cameras do not move, but motors were given",
+                ));
+            }
+            (Rigging::Fixed(_), None) => {
+                return Err(ServoError::Rigging(
+                    "the source's cameras are moved by motors, but none were given",
+                ));
+            }
+            _ => {}
+        }
+        let follower = match settings.target {
+            Some(target) => Follower::with_target(settings.follow, target),
+            None => Follower::new(settings.follow),
+        };
+        Ok(Self {
+            cameras: info.cameras,
+            rigging,
+            pictures: info.cameras.map(|c| Pictures::of(&c)),
+            follower,
+            relief_m: settings.matching.relief_m,
+            matcher: Matcher::new(settings.matching),
+            filter: TargetFilter::new(settings.filter)?,
+        })
+    }
+
+    /// Everything that follows from one pair. `now_s` is the time at which the setpoints are given, on the clock of the
+    /// pair's times: not before its arrival and never decreasing.
+    pub fn step(&mut self, pair: &StereoFrame, now_s: f64) -> Result<Step, ServoError> {
+        self.check_sizes(pair)?;
+        let mut times = StageTimes::default();
+        times.timed(Stage::Pictures, || self.take_pictures(pair));
+        let stance = self.rigging.stance_at(pair)?;
+        let capture_s = pair.capture_s();
+
+        let report = times.timed(Stage::Track, || self.follow(&stance, capture_s))?;
+        let measured = times.timed(Stage::Measure, || {
+            report
+                .sighting
+                .as_ref()
+                .and_then(|sighting| self.measure(&stance, sighting, capture_s))
+        });
+        let (update, estimate, aim, control) = times.timed(Stage::Control, || {
+            let update = report
+                .sighting
+                .as_ref()
+                .and_then(|s| self.believe(&stance, s, measured.as_ref(), capture_s));
+            let estimate = self.filter.predict(capture_s).ok();
+            let aim = self.filter.predict(now_s).ok();
+            let control = self.drive(&stance, aim.as_ref(), now_s)?;
+            Ok::<_, ServoError>((update, estimate, aim, control))
+        })?;
+        Ok(Step {
+            index: pair.index,
+            capture_s,
+            arrival_s: pair.arrival_s(),
+            command_s: now_s,
+            angles: stance.angles,
+            base_from_cam: stance.base_from_cam,
+            state: report.state,
+            reason: report.reason,
+            sighting: report.sighting,
+            expected: report.expected,
+            measured: measured.map(|m| m.result),
+            update,
+            estimate,
+            aim,
+            mode_change: control.as_ref().and_then(|c| c.mode_change.clone()),
+            control,
+            times,
+        })
+    }
+
+    /// The cameras, left and right.
+    pub fn cameras(&self) -> &[Camera; 2] {
+        &self.cameras
+    }
+
+    /// Stop all motors within their limits.
+    pub fn hold(&mut self, now_s: f64) -> Result<(), ServoError> {
+        if let Rigging::Motors(motors) = &mut self.rigging {
+            motors.hold(now_s)?;
+        }
+        Ok(())
+    }
+
+    fn check_sizes(&self, pair: &StereoFrame) -> Result<(), ServoError> {
+        for (eye, name) in Eye::BOTH.into_iter().zip(["left", "right"]) {
+            let picture = &pair.of(eye).picture;
+            let k = &self.cameras[eye as usize].intrinsics;
+            if picture.size() != (k.width, k.height) {
+                return Err(ServoError::PictureSize {
+                    index: pair.index,
+                    eye: name,
+                    got_w: picture.width(),
+                    got_h: picture.height(),
+                    want_w: k.width,
+                    want_h: k.height,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    fn take_pictures(&mut self, pair: &StereoFrame) {
+        for eye in Eye::BOTH {
+            let pictures = &mut self.pictures[eye as usize];
+            luma_from_rgb_into(&pair.of(eye).picture, &mut pictures.luma);
+            pictures.pyramid.update(&pictures.luma);
+        }
+    }
+
+    fn follow(&mut self, stance: &Stance, capture_s: f64) -> Result<Report, ServoError> {
+        let prior = self.prior(stance, capture_s);
+        let seen = vergence_track::Observation {
+            left: view(&self.pictures, &self.cameras, stance, Eye::Left),
+            right: Some(view(&self.pictures, &self.cameras, stance, Eye::Right)),
+            time_s: capture_s,
+        };
+        Ok(self.follower.step(&seen, prior.as_ref())?)
+    }
+
+    fn prior(&self, stance: &Stance, capture_s: f64) -> Option<Prior> {
+        let estimate = self.filter.predict(capture_s).ok()?;
+        prior_from_estimate(&estimate, &self.cameras[0], &stance.base_from_cam[0])
+    }
+
+    fn measure(
+        &mut self,
+        stance: &Stance,
+        sighting: &Sighting,
+        capture_s: f64,
+    ) -> Option<Measurement> {
+        let prior = self.depth_prior(stance, sighting, capture_s);
+        let views = [0, 1].map(|eye| measure::View {
+            pyramid: &self.pictures[eye].pyramid,
+            camera: &self.cameras[eye],
+            base_from_cam: &stance.base_from_cam[eye],
+        });
+        let region = Region {
+            centre_px: sighting.anchor_px,
+            width_px: sighting.torso.w,
+            height_px: sighting.torso.h,
+        };
+        let report = self.matcher.measure(&views, &region, prior.as_ref());
+        let nearer_fraction = report.nearer_fraction(prior.as_ref(), self.relief_m);
+        let found = report.outcome.ok();
+        if let Some((distance_m, sigma_m)) = distance_of(found.as_ref(), prior.as_ref()) {
+            self.follower.note_range(RangeNote {
+                distance_m,
+                sigma_m,
+                nearer_fraction,
+            });
+        }
+        let found = found?;
+        let (value, covariance) =
+            found.in_head(&stance.base_from_head, sighting.anchor_sigma_px)?;
+        Some(Measurement {
+            sight: Sight::Stereo {
+                base_from_head: stance.base_from_head,
+                value,
+                covariance,
+            },
+            result: Measured {
+                left_px: found.left_px,
+                right_px: found.right_px,
+                disparity_px: found.disparity_px,
+                sigma_px: found.sigma_px,
+                point_in_base: found.point_in_base,
+                patches: [found.inliers, found.total],
+            },
+        })
+    }
+
+    /// What is known of the target's inverse depth in the left camera before the pair is looked at: the filter's prediction,
+    /// or the follower's own coarse range when the filter has none.
+    fn depth_prior(
+        &self,
+        stance: &Stance,
+        sighting: &Sighting,
+        capture_s: f64,
+    ) -> Option<measure::Prior> {
+        let left = &stance.base_from_cam[0];
+        if let Ok(estimate) = self.filter.predict(capture_s)
+            && sighting.kind == SightingKind::Followed
+        {
+            let depth = (left.inverse() * estimate.position_in_base).z;
+            let sigma_m = estimate.position_covariance().trace().max(0.0).sqrt();
+            if depth > 0.1 {
+                return Some(measure::Prior {
+                    inverse_depth_per_m: 1.0 / depth,
+                    sigma_per_m: sigma_m / (depth * depth),
+                });
+            }
+        }
+        sighting.distance_m.map(|distance| measure::Prior {
+            inverse_depth_per_m: 1.0 / distance,
+            // The follower's coarse range is good to about half a pixel of a quarter-size picture.
+            sigma_per_m: 2.0 / (self.cameras[0].intrinsics.fx * self.interaxial_m(stance)),
+        })
+    }
+
+    fn interaxial_m(&self, stance: &Stance) -> f64 {
+        let [l, r] = &stance.base_from_cam;
+        (r.translation.vector - l.translation.vector).norm()
+    }
+
+    /// Give the filter what was seen: with range where there is one, the direction alone elsewhere.
+    fn believe(
+        &mut self,
+        stance: &Stance,
+        sighting: &Sighting,
+        measured: Option<&Measurement>,
+        capture_s: f64,
+    ) -> Option<Update> {
+        if sighting.kind == SightingKind::Found {
+            self.filter.reset();
+        }
+        let sight = match measured {
+            Some(measurement) => measurement.sight,
+            None => self.direction(stance, sighting)?,
+        };
+        self.filter
+            .observe(&Observation {
+                time_s: capture_s,
+                sight,
+            })
+            .ok()
+    }
+
+    fn direction(&self, stance: &Stance, sighting: &Sighting) -> Option<Sight> {
+        let ray = self.cameras[0].ray(&sighting.anchor_px)?;
+        let ray = stance
+            .base_from_head
+            .inverse_transform_vector(&stance.base_from_cam[0].transform_vector(&ray));
+        let sigma = sighting.anchor_sigma_px / self.cameras[0].intrinsics.fx;
+        (ray.z > 0.0).then(|| Sight::Direction {
+            base_from_head: stance.base_from_head,
+            value: Vector2::new(ray.x / ray.z, ray.y / ray.z),
+            covariance: Matrix2::identity() * sigma * sigma,
+        })
+    }
+
+    fn drive(
+        &mut self,
+        stance: &Stance,
+        aim: Option<&TargetEstimate>,
+        now_s: f64,
+    ) -> Result<Option<ControlOutput>, ServoError> {
+        let (Rigging::Motors(motors), Some(readings)) = (&mut self.rigging, &stance.readings)
+        else {
+            return Ok(None);
+        };
+        let target = aim.map(|aim| ControlTarget {
+            time_s: aim.time_s,
+            seen_s: aim.time_s - aim.unseen_s,
+            position_in_base: aim.position_in_base,
+            velocity_in_base: aim.velocity_in_base,
+            covariance: aim.covariance,
+        });
+        motors.drive(target.as_ref(), readings, now_s).map(Some)
+    }
+}
+
+/// Distance from the left lens with its deviation: as measured, or as expected where nothing was (then only the share of nearer
+/// surfaces is news).
+fn distance_of(
+    found: Option<&measure::Measurement>,
+    prior: Option<&measure::Prior>,
+) -> Option<(f64, f64)> {
+    match (found, prior) {
+        (Some(m), _) => {
+            let distance_m = m.distance_m();
+            let relative = m.inverse_depth_sigma_per_m / m.inverse_depth_per_m;
+            Some((distance_m, relative * distance_m))
+        }
+        (None, Some(p)) => {
+            let distance_m = 1.0 / p.inverse_depth_per_m;
+            Some((distance_m, p.sigma_per_m * distance_m * distance_m))
+        }
+        (None, None) => None,
+    }
+}
+
+fn view<'a>(
+    pictures: &'a [Pictures; 2],
+    cameras: &'a [Camera; 2],
+    stance: &Stance,
+    eye: Eye,
+) -> EyeView<'a> {
+    EyeView {
+        pyramid: &pictures[eye as usize].pyramid,
+        camera: &cameras[eye as usize],
+        base_from_cam: stance.base_from_cam[eye as usize],
+    }
+}
+
+struct Measurement {
+    sight: Sight,
+    result: Measured,
+}
+
+impl Pictures {
+    fn of(camera: &Camera) -> Self {
+        let luma = Gray::filled(camera.intrinsics.width, camera.intrinsics.height, 0);
+        Self {
+            pyramid: Pyramid::new(&luma, LEVELS),
+            luma,
+        }
+    }
+}

@@ -1,0 +1,160 @@
+//! Accepting a match: correcting it by the outline, learning from it.
+
+use nalgebra::{Point3, Vector3};
+
+use super::Follower;
+use super::matching::{Match, PSR_FAIR, RANGEABLE, torso_patch};
+use crate::correlation::SIDE;
+use crate::movers::{Mover, Posture};
+use crate::outline::Outline;
+use crate::sampling::Facet;
+use crate::view::{FollowState, Observation};
+use crate::window::STEP_M;
+
+impl Follower {
+    /// Accept a match: correct it by the outline, learn from it, update the belief.
+    pub(super) fn settle(&mut self, seen: &Observation, mut found: Match, dt: f64) -> Match {
+        let lens = seen.left.lens();
+        let noted = self.note.take().map_or(0.0, |n| n.nearer_fraction);
+        let unranged = seen.right.is_some() && found.range.is_none();
+        self.unranged = if unranged { self.unranged + 1 } else { 0 };
+        let clean = !found.covered && noted < 0.25 && !(unranged && self.rangeable > RANGEABLE);
+        if !found.covered {
+            let now = if unranged { 0.0 } else { 1.0 };
+            self.rangeable += (now - self.rangeable) * (1.0 - (-dt).exp());
+        }
+        self.body = None;
+        if clean {
+            self.recentre(seen, &mut found, dt);
+        }
+        let measured = found.range.map(|r| (r.distance_m, r.sigma_inverse_m));
+        if let Some(belief) = &mut self.belief {
+            belief.update(&lens, &found.ray, found.distance_m, measured, seen.time_s);
+            found.distance_m = belief.distance_from(&lens);
+        }
+        if clean && found.inside > 0.55 && found.peak.psr > PSR_FAIR - 1.0 {
+            let facet = Facet::facing(&lens, &found.ray, found.distance_m, &Vector3::y());
+            if self.cut_window(&seen.left, &facet).is_some() {
+                if self.body.is_some() {
+                    self.mask = self.body.take();
+                }
+                let rate = 1.0 - (-dt / self.settings.learn_s).exp();
+                self.filter
+                    .train(&self.window, self.mask.as_deref(), rate as f32);
+                if let Some(signature) = self.appearance.signature(&seen.left, &facet) {
+                    self.appearance.learn(&signature, (rate * 0.5) as f32);
+                }
+            }
+        }
+        self.seen_s = seen.time_s;
+        self.state = FollowState::Tracking;
+        found
+    }
+
+    /// Move the anchor slowly to where the outline has its chest, and the template with it.
+    pub(super) fn recentre(&mut self, seen: &Observation, found: &mut Match, dt: f64) {
+        let patch = torso_patch(found.ray, found.distance_m, 0.0, 1.0);
+        let full = f64::from(1_u32 << self.motion.level());
+        let map = self.motion.map().map(|m| (m, full));
+        let (dx, dy) = if self.settings.posture == Posture::Upright {
+            let Some(outline) =
+                self.outlines
+                    .find(seen, &patch, found.distance_m, self.drop_m, map)
+            else {
+                return;
+            };
+            self.correction(&outline, dt)
+        } else {
+            let Some(middle) = self
+                .outlines
+                .find_middle(seen, &patch, found.distance_m, map)
+            else {
+                return;
+            };
+            let gain = 1.0 - (-dt / 0.5).exp();
+            (
+                gain * middle.share * middle.x_m,
+                gain * middle.share * middle.y_m,
+            )
+        };
+        let facet = Facet::facing(
+            &seen.left.lens(),
+            &found.ray,
+            found.distance_m,
+            &Vector3::y(),
+        );
+        let at = facet.at(dx, dy);
+        if let Some(anchor) = seen.left.project(&at) {
+            found.anchor = anchor;
+            found.ray = (at - seen.left.lens()).normalize();
+            self.filter.recentre(dx / STEP_M, dy / STEP_M);
+            self.body = self.outlines.mask(SIDE, STEP_M, (dx, dy));
+        }
+    }
+
+    /// Far away the eyes cannot tell the person from what is behind, but its motion can.
+    pub(super) fn motion_is_useful(&self) -> bool {
+        let far = self
+            .belief
+            .as_ref()
+            .is_some_and(|b| b.distance_from(&Point3::origin()) > 4.0);
+        far || self.since_lock_s < 1.0
+    }
+
+    /// Share of the outline's offset that is corrected in this frame, metres right and down.
+    pub(super) fn correction(&self, outline: &Outline, dt: f64) -> (f64, f64) {
+        // Quick just after the target was found, slow later: turning clothes drift slowly.
+        let time_constant = if self.since_lock_s < 0.7 { 0.15 } else { 0.5 };
+        let gain = 1.0 - (-dt / time_constant).exp();
+        let trust = |clear: f64| ((clear - 0.15) / 0.35).clamp(0.0, 1.0);
+        let limit = 0.02;
+        let dx = gain * trust(outline.middle_clear) * outline.middle_m;
+        let off = outline.top_m + self.drop_m;
+        // A step far from where the head can be is something else.
+        let dy = if off.abs() < 0.25 {
+            gain * trust(outline.top_clear) * off
+        } else {
+            0.0
+        };
+        (dx.clamp(-limit, limit), dy.clamp(-limit, limit))
+    }
+
+    /// What moves is the chest only roughly (an arm ahead, what was uncovered behind); the outline says better.
+    pub(super) fn centre_on_outline(
+        &mut self,
+        seen: &Observation,
+        mover: &mut Mover,
+        distance_m: f64,
+    ) {
+        let lens = seen.left.lens();
+        let full = f64::from(1_u32 << self.motion.level());
+        for _ in 0..2 {
+            let patch = torso_patch(mover.ray, distance_m, 0.0, 1.0);
+            let map = self.motion.map().map(|m| (m, full));
+            let Some(outline) = self
+                .outlines
+                .find(seen, &patch, distance_m, self.drop_m, map)
+            else {
+                return;
+            };
+            let off = outline.top_m + self.drop_m;
+            let dx = if outline.middle_clear > 0.2 {
+                outline.middle_m
+            } else {
+                0.0
+            };
+            let dy = if outline.top_clear > 0.2 && off.abs() < 0.25 {
+                off
+            } else {
+                0.0
+            };
+            let facet = Facet::facing(&lens, &mover.ray, distance_m, &Vector3::y());
+            let at = facet.at(dx, dy);
+            let Some(anchor) = seen.left.project(&at) else {
+                return;
+            };
+            mover.anchor_px = anchor;
+            mover.ray = (at - lens).normalize();
+        }
+    }
+}
