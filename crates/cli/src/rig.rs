@@ -195,6 +195,10 @@ pub(crate) fn setup(settings: &Settings) -> Setup {
 }
 
 /// A geometry error about numbers that a person gave.
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the shape that `map_err` takes"
+)]
 pub(crate) fn refused(error: vergence_geometry::GeometryError) -> anyhow::Error {
     fault::usage(error.to_string()).into()
 }

@@ -22,7 +22,7 @@ fn default_answers_for_the_paper_rig() {
         "base 70 mm, f 6.5 mm, sensor 4.8 x 3.6 mm, 1024 x 768 px",
         "target from 1 m to 10 m",
         "Rule: seen depth",
-        "* seen depth                       3.15      4.03      3.85      4.73       6.65     7.35",
+        "* seen depth                          3.15      4.03      3.85      4.73       6.65     7.35",
         "3 m   nearer, parallel pictures cannot be fused",
         "7 m   threshold",
         "Warnings\n",

@@ -11,7 +11,7 @@ use serde_json::Value;
 fn reference() -> (String, Value) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../geometry/tests/data/oracle.json");
     let text = std::fs::read_to_string(&path).expect("the reference file of the geometry");
-    let value = serde_json::from_str(&text).unwrap();
+    let value = serde_json::from_str(&text).expect("JSON in the reference file");
     (path.to_string_lossy().into_owned(), value)
 }
 
@@ -19,7 +19,7 @@ fn reference() -> (String, Value) {
 fn agree(name: &str, field: &str, found: &Value, expected: &Value) {
     match (found, expected) {
         (Value::Number(a), Value::Number(b)) => {
-            let (a, b) = (a.as_f64().unwrap(), b.as_f64().unwrap());
+            let [a, b] = [a, b].map(|v| v.as_f64().expect("a number that f64 holds"));
             let absolute: f64 = if field.ends_with("_arcmin") {
                 1e-7
             } else if field.ends_with("_deg") {

@@ -147,6 +147,9 @@ fn other_bad_calls_are_usage_errors() {
         err.contains("settings file none.toml: cannot be read"),
         "{err}"
     );
+    place.file("large.toml", &"# no end\n".repeat(120_000));
+    let err = place.run(&["--config", "large.toml", "config"]).refused(2);
+    assert!(err.contains("larger than 1 MiB"), "{err}");
     let err = place.run(&["--set", "rig.interaxial", "config"]).refused(2);
     assert!(err.contains("hint: write --set section.key=value"), "{err}");
     let err = place.run(&["--set", "rig.base=1", "config"]).refused(2);

@@ -64,10 +64,10 @@ const HAIR: [(u32, u32); 5] = [
     (0x4a_1c0c, 0x9c_4a20),
 ];
 const SKIN: [(u32, u32); 4] = [
-    (0xc2_8d72, 0xec_c2a4),
-    (0xa0_6c4c, 0xd2_a07c),
-    (0x6a_4028, 0x9c_6c4c),
-    (0xb8_8460, 0xe4_b898),
+    (0xd4_a488, 0xe4_b99c),
+    (0xb2_7e5e, 0xc6_9270),
+    (0x78_4c34, 0x8e_6044),
+    (0xc8_9672, 0xd8_aa88),
 ];
 
 impl Person {
@@ -190,8 +190,8 @@ impl Person {
             0.745,
             self.top,
         ));
-        // One pattern runs over all pieces of the top: heights from the pelvis, angles about the spine.
-        for piece in &mut out[first..] {
+        // One pattern runs over all pieces about the spine: heights from the pelvis, angles about the spine.
+        for piece in out[first..].iter_mut().filter(|p| p.end_radius > 0.1) {
             piece.girth_m = 0.15;
             piece.pattern_shift_m = body.height_of(&piece.origin) - j.pelvis.y;
         }
@@ -294,10 +294,10 @@ impl Person {
             |side: f64, up: f64, forward: f64| at(up, forward) + Vector3::new(side, 0.0, 0.0);
         out.push(body.limb(
             (
-                beside(-0.021, -0.054, 0.0815),
-                0.0055,
-                beside(0.021, -0.054, 0.0815),
-                0.00551,
+                beside(-0.015, -0.054, 0.0835),
+                0.0050,
+                beside(0.015, -0.054, 0.0835),
+                0.00501,
             ),
             &front,
             1.0,

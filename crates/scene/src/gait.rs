@@ -207,3 +207,64 @@ fn pitch(c: f64) -> f64 {
         + p1 * (3.0 * s2 - 2.0 * s3)
         + v1 * w * (s3 - s2)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// At a walk the foot on the ground stands still (heel or ball, whichever carries), nothing sinks into the floor,
+    /// legs and arms keep their lengths.
+    #[test]
+    fn standing_foot_stands() {
+        let speed = 1.0;
+        let cycles_per_s = speed / (2.0 * step_length_m(speed));
+        let dt = 1e-3;
+        let contact = |t: f64| {
+            let c = t * cycles_per_s;
+            let l = skeleton(c, speed).legs[0];
+            let (s, k) = l.pitch.sin_cos();
+            let at = |forward: f64| {
+                l.ankle
+                    + nalgebra::Vector3::new(
+                        0.0,
+                        -ANKLE_UP_M * k + forward * s,
+                        ANKLE_UP_M * s + forward * k,
+                    )
+            };
+            (at(-HEEL_M), at(BALL_M), l, t * speed)
+        };
+        for i in 0..2600 {
+            let t = f64::from(i) * dt;
+            let ((heel, ball, l, x), (heel2, ball2, _, x2)) = (contact(t), contact(t + dt));
+            let c = (t * cycles_per_s).rem_euclid(1.0);
+            if (0.01..TOE_OFF - 0.01).contains(&c) {
+                let (a, b) = if l.pitch >= 0.0 {
+                    (heel, heel2)
+                } else {
+                    (ball, ball2)
+                };
+                let slip = ((b.z + x2) - (a.z + x)) / dt;
+                assert!(slip.abs() < 0.02 * speed, "slips at {slip} m/s, cycle {c}");
+                assert!(a.y.abs() < 0.004, "contact at height {}", a.y);
+            }
+            assert!(
+                heel.y > -0.012 && ball.y > -0.012,
+                "{} {} at {c}",
+                heel.y,
+                ball.y
+            );
+            let (thigh, shank) = ((l.knee - l.hip).norm(), (l.ankle - l.knee).norm());
+            assert!(
+                (thigh - THIGH_M).abs() < 1e-9 && shank < SHANK_M + 0.02,
+                "{thigh} {shank}"
+            );
+        }
+    }
+
+    /// Standing still, nothing moves with the phase.
+    #[test]
+    fn whoever_stands_stands_still() {
+        let (a, b) = (skeleton(0.2, 0.0), skeleton(0.7, 0.0));
+        assert!((a.chest - b.chest).norm() + (a.legs[0].ankle - b.legs[0].ankle).norm() < 1e-12);
+    }
+}

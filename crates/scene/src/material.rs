@@ -38,7 +38,7 @@ impl Material {
         }
     }
 
-    /// Linear RGB reflectance at a value of the pattern, 0 to 1.
+    /// Linear RGB reflectance at a value of the pattern, 0 to 1. The plain form of the renderer's kernel.
     pub fn colour(&self, value: f32) -> [f32; 3] {
         let low = (2.0 * value).clamp(0.0, 1.0);
         let high = (2.0 * value - 1.0).clamp(0.0, 1.0);
@@ -59,32 +59,34 @@ pub(crate) fn linear(srgb: u32) -> [f32; 3] {
     })
 }
 
-/// All materials of a world, and the textures that they use.
-#[derive(Clone, Debug)]
+/// All materials of a world.
+#[derive(Clone, Debug, Default)]
 pub struct Palette {
     /// Materials by index.
     pub materials: Vec<Material>,
-    textures: Vec<Texture>,
 }
 
 impl Palette {
-    /// A palette with every texture of a seed and no material yet.
-    pub(crate) fn new(seed: u64) -> Self {
-        use rayon::prelude::*;
-        Self {
-            materials: Vec::new(),
-            textures: PATTERNS.par_iter().map(|&p| texture_of(p, seed)).collect(),
-        }
-    }
-
     /// Adds a material; its index.
     pub(crate) fn add(&mut self, material: Material) -> u16 {
         self.materials.push(material);
         (self.materials.len() - 1) as u16
     }
+}
+
+/// A texture for every pattern.
+#[derive(Clone, Debug)]
+pub(crate) struct Textures(Vec<Texture>);
+
+impl Textures {
+    /// The textures of a seed.
+    pub(crate) fn new(seed: u64) -> Self {
+        use rayon::prelude::*;
+        Self(PATTERNS.par_iter().map(|&p| texture_of(p, seed)).collect())
+    }
 
     /// The texture of a pattern.
-    pub fn texture(&self, pattern: Pattern) -> &Texture {
-        &self.textures[pattern as usize]
+    pub(crate) fn of(&self, pattern: Pattern) -> &Texture {
+        &self.0[pattern as usize]
     }
 }

@@ -1,8 +1,10 @@
 //! Pictures of the world.
 //!
-//! A picture is cut into tiles of 64 x 16 pixels. Per tile only the things whose bounds meet it are looked at, and
-//! a tile in which things move during the exposure is taken at 2 to 16 instants. Rays go through pixel centres;
-//! pixels at which the surface changes are taken again with 16 rays, pixels that see a calibration mark with 64.
+//! A picture is cut into tiles of 64 x 16 pixels; per tile only the things whose bounds meet it are looked at. Rays go
+//! through pixel centres; where the surface changes between neighbouring pixels, a pixel is taken with
+//! 8 rays (64 in tiles with a calibration mark), and rays that meet a surface which shows at the centre of the pixel or
+//! of one next to it take its colour from there. A tile in which everything moves alike during the exposure (the camera
+//! turns) is smeared along that motion; one in which something moves by itself is taken at 2 to 16 instants.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -15,7 +17,8 @@ use crate::camera::TwinCamera;
 use crate::error::SceneError;
 use crate::figure::FIGURE_SOLIDS;
 use crate::hash::mix;
-use crate::light::{balls, surface_axes};
+use crate::light::{Lighting, balls, surface_axes};
+use crate::material::Textures;
 use crate::room::ROOM;
 use crate::sensor::Sensor;
 use crate::shade::Flat;
@@ -38,14 +41,16 @@ pub struct Shot<'a> {
 /// Renders pairs of a world; keeps its tables and buffers from frame to frame.
 ///
 /// The pictures depend on the world, the cameras, the seed and the shot alone: not on the number of threads (rayon's
-/// current pool) and not on the processor's vector width.
+/// current pool) and, since no kernel fuses a multiplication with an addition, not on the processor's vector width.
 pub struct Renderer {
     world: Arc<World>,
     cameras: [TwinCamera; 2],
     eyes: [EyeTables; 2],
     flats: Vec<(Flat, u16)>,
+    textures: Textures,
+    lighting: Lighting,
     seed: u64,
-    workspaces: Mutex<Vec<Box<Workspace>>>,
+    workspaces: Mutex<Vec<Workspace>>,
 }
 
 /// What does not change from frame to frame.
@@ -80,6 +85,8 @@ impl Renderer {
         let [left, right] = cameras.each_ref().map(EyeTables::new);
         Ok(Self {
             flats: flats(&world),
+            textures: Textures::new(world.config().seed),
+            lighting: Lighting::new(&world.room),
             eyes: [left?, right?],
             world,
             cameras,
@@ -117,15 +124,15 @@ impl Renderer {
         });
     }
 
-    fn workspace(&self) -> Box<Workspace> {
+    fn workspace(&self) -> Workspace {
         let mut spare = self
             .workspaces
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
-        spare.pop().unwrap_or_else(|| Box::new(Workspace::new()))
+        spare.pop().unwrap_or_else(Workspace::new)
     }
 
-    fn give_back(&self, work: Box<Workspace>) {
+    fn give_back(&self, work: Workspace) {
         let mut spare = self
             .workspaces
             .lock()
@@ -186,7 +193,7 @@ impl Renderer {
     /// Light on the solids, and the balls that shade the floor.
     fn lit(&self, solids: &[Solid]) -> (Vec<[f32; 6]>, Vec<[f32; 4]>) {
         let still = self.world.room.solids.len();
-        let lighting = &self.world.lighting;
+        let lighting = &self.lighting;
         let mut cubes: Vec<[f32; 6]> = solids[..still]
             .iter()
             .map(|s| lighting.cube_at(&s.centre, &[]))
@@ -224,6 +231,8 @@ impl Renderer {
         let width = twin.camera.intrinsics.width;
         let around = Surroundings {
             world: &self.world,
+            textures: &self.textures,
+            lighting: &self.lighting,
             flats: &self.flats,
             cubes: &frame.cubes,
             balls: &frame.balls,

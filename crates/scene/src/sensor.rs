@@ -125,3 +125,91 @@ fn indices(
         out[i] = round_to_int(value.sqrt() * (STEPS - 1) as f32) as u32;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn codes(twin: &TwinCamera, light: f32, n: usize) -> Vec<u8> {
+        let sensor = Sensor::new(twin);
+        let mut scratch = std::array::from_fn(|_| vec![0; n]);
+        let mut out = vec![[0; 3]; n];
+        let (light, axis) = (vec![light; n], vec![0.0; n]);
+        sensor.develop([&light; 3], [&axis; 2], 99, 0, &mut out, &mut scratch);
+        out.into_flattened()
+    }
+
+    /// Mean and variance of 60,000 pixels against photon statistics: electrons e give the variance e + read².
+    #[test]
+    fn noise_is_that_of_photons_and_reading() {
+        // 100 electrons to a code value and no gamma, so that rounding hardly matters; a small well makes noise large.
+        let twin = TwinCamera {
+            full_well_e: 1500.0,
+            response_e_s: 375_000.0,
+            gamma: 1.0,
+            ..TwinCamera::default()
+        };
+        for light in [0.1_f32, 0.4, 0.7] {
+            let values: Vec<f64> = codes(&twin, light, 20_000)
+                .iter()
+                .map(|&v| f64::from(v))
+                .collect();
+            let n = values.len() as f64;
+            let mean = values.iter().sum::<f64>() / n;
+            let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n;
+            let electrons = f64::from(light) * twin.response_e_s * twin.exposure_s;
+            let per_e = 255.0 / twin.full_well_e;
+            let expected = (electrons + 144.0) * per_e * per_e + 1.0 / 12.0;
+            assert!((mean - electrons * per_e).abs() < 0.15, "{mean}");
+            assert!(
+                (variance / expected - 1.0).abs() < 0.03,
+                "{variance} {expected}"
+            );
+        }
+    }
+
+    /// Neighbouring pixels, channels and rows are uncorrelated.
+    #[test]
+    fn noise_is_white() {
+        let twin = TwinCamera {
+            gamma: 1.0,
+            full_well_e: 1500.0,
+            response_e_s: 375_000.0,
+            ..TwinCamera::default()
+        };
+        let values: Vec<f64> = codes(&twin, 0.5, 20_000)
+            .iter()
+            .map(|&v| f64::from(v) - 127.5)
+            .collect();
+        let correlation = |lag: usize| {
+            let pairs = values.iter().zip(&values[lag..]);
+            pairs.map(|(a, b)| a * b).sum::<f64>() / values.iter().map(|a| a * a).sum::<f64>()
+        };
+        for lag in [1, 2, 3, 6, 48, 192, 3072] {
+            assert!(
+                correlation(lag).abs() < 0.015,
+                "lag {lag}: {}",
+                correlation(lag)
+            );
+        }
+    }
+
+    /// Without noise the code is the formula, for every level.
+    #[test]
+    fn encoding_is_the_power_law() {
+        let twin = TwinCamera {
+            shot_noise: false,
+            read_noise_e: 0.0,
+            ..TwinCamera::default()
+        };
+        for i in 0..=200_u8 {
+            let light = f32::from(i) / 200.0;
+            let code = codes(&twin, light, 16)[0];
+            let exact = 255.0 * f64::from(light).powf(1.0 / 2.2);
+            assert!(
+                (f64::from(code) - exact).abs() < 0.75,
+                "{light}: {code} {exact}"
+            );
+        }
+    }
+}

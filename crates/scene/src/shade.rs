@@ -337,3 +337,67 @@ pub(crate) fn colour(n: usize, p: &mut Packed, material: &Material, level: &[f32
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hash::Draws;
+    use crate::texture::{Pattern, texture_of};
+
+    /// The sampling kernel against the plain form, at random places and levels, negative coordinates included.
+    #[test]
+    fn kernel_samples_as_the_plain_form_does() {
+        let texture = texture_of(Pattern::Leaves, 3);
+        let mut p = Packed::new(512);
+        let mut draws = Draws::new(5, 5);
+        for i in 0..512 {
+            p.u[i] = draws.between(-9.0, 9.0) as f32;
+            p.v[i] = draws.between(-9.0, 9.0) as f32;
+            p.lod[i] = draws.between(-3.0, 11.0) as f32;
+        }
+        let flat = Flat {
+            axes: [0, 1, 2],
+            zero: [0.0; 2],
+            per_m: [1.0; 2],
+            is_low_top: false,
+        };
+        pattern(512, &mut p, texture.quads(), &flat, 1);
+        for i in 0..512 {
+            let plain = texture.sample(p.u[i], p.v[i], p.lod[i]);
+            assert!((p.value[i] - plain).abs() < 1e-5, "{} {plain}", p.value[i]);
+        }
+    }
+
+    /// Every level of a texture has the same mean, and the coarsest is that mean: averaging moves nothing.
+    #[test]
+    fn levels_keep_the_mean() {
+        let texture = texture_of(Pattern::Plaid, 1);
+        let side = 64;
+        let mean = |lod: f32| {
+            let n = side * side;
+            (0..n)
+                .map(|i| {
+                    let at = |k: usize| (k as f32 + 0.5) / side as f32;
+                    texture.sample(at(i % side), at(i / side), lod)
+                })
+                .sum::<f32>()
+                / n as f32
+        };
+        for lod in [3.0, 5.0, 8.0] {
+            assert!((mean(lod) - mean(9.0)).abs() < 0.01, "{lod}");
+        }
+    }
+
+    /// The logarithm's stated bound, and rounding against the library's.
+    #[test]
+    fn approximations_keep_their_bounds() {
+        for i in 1..4000_i16 {
+            let x = f32::from(i) * 0.013;
+            let e = x.log2() - log2_linear(x);
+            assert!((-1e-5..0.0871).contains(&e), "{x}: {e}");
+            assert_eq!(round_to_int(x - 20.0), (x - 20.0).round_ties_even() as i32);
+            let (a, b) = (x.sin(), (1.7 * x).cos());
+            assert!((atan2_fast(a, b) - a.atan2(b)).abs() < 5e-3, "{a} {b}");
+        }
+    }
+}

@@ -180,3 +180,54 @@ impl Solid {
             .unwrap_or_else(Vector3::z)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// How far a base point lies outside the solid, in its own frame: distance from the nearest of many balls between
+    /// the two ends. Independent of the closed form.
+    fn outside(s: &Solid, p: &Point3<f64>) -> f64 {
+        let l = s.local(p);
+        (0..=2000)
+            .map(|i| {
+                let f = f64::from(i) / 2000.0;
+                let r = s.start_radius + f * (s.end_radius - s.start_radius);
+                (l - Vector3::new(0.0, f * s.length, 0.0)).norm() - r
+            })
+            .fold(f64::INFINITY, f64::min)
+    }
+
+    proptest! {
+        /// A ray enters on the surface and was outside all the way before; a ray that misses stays outside.
+        #[test]
+        fn entry_is_the_first_point_on_the_surface(
+            ends in prop::array::uniform6(-0.5..0.5_f64),
+            r0 in 0.02..0.2_f64,
+            r1 in 0.02..0.2_f64,
+            flatness in 0.4..1.3_f64,
+            aim in prop::array::uniform3(-0.4..0.4_f64),
+        ) {
+            let start = Point3::new(ends[0], ends[1], ends[2] + 3.0);
+            let end = Point3::new(ends[3], ends[4], ends[5] + 3.0);
+            prop_assume!((end - start).norm() > (r0 - r1).abs() + 0.01);
+            let limb = Limb { start, start_radius: r0, end, end_radius: r1 };
+            let s = Solid::limb(&limb, &Vector3::new(0.1, 0.0, -1.0), flatness, 0);
+            let way = Vector3::new(aim[0], aim[1], 3.0 + aim[2]);
+            let entry = s.entry(&Point3::origin(), &way);
+            let until = entry.unwrap_or(2.0);
+            for i in 0..200 {
+                let t = until * f64::from(i) / 200.0;
+                prop_assert!(outside(&s, &Point3::from(way * t)) > -1e-6);
+            }
+            if let Some(t) = entry {
+                let p = Point3::from(way * t);
+                prop_assert!(outside(&s, &p).abs() < 1e-5, "{}", outside(&s, &p));
+                prop_assert!(s.normal(&p).dot(&way) < 1e-6);
+                prop_assert!((p - s.centre).norm() <= s.bound_m + 1e-9);
+            }
+        }
+    }
+}

@@ -83,17 +83,17 @@ impl Texture {
         let mut quads = vec![0_u32; TEXELS];
         for l in 0..LEVELS {
             let side = SIDE >> l;
-            let base = level_offset(l) as usize;
-            let byte = |x: usize, y: usize| {
-                let v = level[(y % side) * side + x % side];
-                (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u32
-            };
-            for y in 0..side {
-                for x in 0..side {
-                    quads[base + y * side + x] = byte(x, y)
-                        | byte(x + 1, y) << 8
-                        | byte(x, y + 1) << 16
-                        | byte(x + 1, y + 1) << 24;
+            let bytes: Vec<u32> = level
+                .iter()
+                .map(|v| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u32)
+                .collect();
+            let own = &mut quads[level_offset(l) as usize..][..side * side];
+            for (y, row) in own.chunks_exact_mut(side).enumerate() {
+                let upper = &bytes[y * side..][..side];
+                let lower = &bytes[(y + 1) % side * side..][..side];
+                for (x, quad) in row.iter_mut().enumerate() {
+                    let right = if x + 1 == side { 0 } else { x + 1 };
+                    *quad = upper[x] | upper[right] << 8 | lower[x] << 16 | lower[right] << 24;
                 }
             }
             level = halved(&level, side);
@@ -110,7 +110,7 @@ impl Texture {
     }
 
     /// Trilinear sample in [0, 1] at (u, v) in tiles, `lod` in levels above the finest. The plain form of the
-    /// kernel in [`crate::kernels`].
+    /// renderer's kernel.
     pub fn sample(&self, u: f32, v: f32, lod: f32) -> f32 {
         let lod = lod.clamp(0.0, (LEVELS - 1) as f32);
         let l = (lod as u32).min(LEVELS - 2);
@@ -140,12 +140,17 @@ pub(crate) const fn level_offset(level: u32) -> i32 {
 }
 
 fn halved(level: &[f32], side: usize) -> Vec<f32> {
-    let half = side / 2;
-    (0..half * half)
-        .map(|i| {
-            let (x, y) = (i % half * 2, i / half * 2);
-            let at = |x: usize, y: usize| level[y * side + x];
-            (at(x, y) + at(x + 1, y) + at(x, y + 1) + at(x + 1, y + 1)) / 4.0
+    if side == 1 {
+        return Vec::new();
+    }
+    level
+        .chunks_exact(2 * side)
+        .flat_map(|rows| {
+            let (upper, lower) = rows.split_at(side);
+            upper
+                .chunks_exact(2)
+                .zip(lower.chunks_exact(2))
+                .map(|(a, b)| (a[0] + a[1] + b[0] + b[1]) / 4.0)
         })
         .collect()
 }

@@ -74,16 +74,10 @@ impl Renderer {
                 ([d.x as f32, d.y as f32], clear)
             })
             .collect();
-        let plane = |f: &dyn Fn(&([f32; 2], bool)) -> bool| {
-            Plane::from_samples(k.width, k.height, pairs.iter().map(f).collect())
-        };
+        let (disparity, seen): (Vec<[f32; 2]>, Vec<bool>) = pairs.into_iter().unzip();
         FrameTruth {
-            seen_by_right: plane(&|p| p.1),
-            disparity_px: Plane::from_samples(
-                k.width,
-                k.height,
-                pairs.iter().map(|p| p.0).collect(),
-            ),
+            seen_by_right: Plane::from_samples(k.width, k.height, seen),
+            disparity_px: Plane::from_samples(k.width, k.height, disparity),
             eyes: Eye::BOTH.map(|e| self.eye_truth(e, shot, &hits[e as usize])),
         }
     }

@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 use crate::error::SceneError;
 use crate::figure::{FLOOR_M, Person, TORSO_SOLIDS};
 use crate::hash::Draws;
-use crate::light::Lighting;
 use crate::mark::{Card, Mark};
 use crate::material::Palette;
 use crate::path::{PathSpec, Stride, Trajectory, check_waypoints};
@@ -23,6 +22,9 @@ pub const RIG_CLEARANCE_M: f64 = 0.60;
 const STEP_OVER_M: f64 = 0.03;
 /// Things that begin above this do not stand in the way, m.
 const HEADROOM_M: f64 = 1.95;
+
+/// What hangs on a wall and stands out less than this is the wall, m.
+const RELIEF_M: f64 = 0.07;
 
 /// How much light there is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -86,7 +88,6 @@ pub struct World {
     pub(crate) palette: Palette,
     pub(crate) room: Room,
     pub(crate) cards: Vec<Card>,
-    pub(crate) lighting: Lighting,
     walkers: Vec<Walker>,
 }
 
@@ -96,7 +97,7 @@ impl World {
         if let PathSpec::Waypoints(list) = &config.path {
             check_waypoints(list)?;
         }
-        let mut palette = Palette::new(config.seed);
+        let mut palette = Palette::default();
         let room = Room::new(&mut palette, config.seed, config.path == PathSpec::Occlude);
         let mut draws = Draws::new(config.seed, 31);
         let shift_m = draws.between(-0.15, 0.15);
@@ -118,7 +119,6 @@ impl World {
         let world = Self {
             config: config.clone(),
             palette,
-            lighting: Lighting::new(&room),
             room,
             cards,
             walkers,
@@ -296,7 +296,11 @@ impl World {
             |low: f64, high: f64| FLOOR_M - high < HEADROOM_M && FLOOR_M - low > STEP_OVER_M;
         let outside = |v: f64, lo: f64, hi: f64| (lo - v).max(v - hi).max(0.0);
         let cuboid = self.room.cuboids.iter().find(|c| {
-            stands(c.lo.y, c.hi.y)
+            let relief = (c.hi.x - ROOM[0][0])
+                .min(ROOM[0][1] - c.lo.x)
+                .min(ROOM[2][1] - c.lo.z);
+            relief > RELIEF_M
+                && stands(c.lo.y, c.hi.y)
                 && outside(x, c.lo.x, c.hi.x).hypot(outside(z, c.lo.z, c.hi.z)) < near
         });
         if let Some(c) = cuboid {

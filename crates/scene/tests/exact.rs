@@ -1,12 +1,14 @@
 //! Proves that pictures show things where geometry says: saddle marks hung in the room are found in rendered pictures
 //! within 0.02 px of an independent projection (closed forms of the planner's model and ray shooting, with the
 //! distortion written out here), in the modes parallel (which `shifted` shares), converged and verged, with the lens
-//! centre on and off the pivot, over the whole picture. Also that marks on one side of motion blur stay at the middle
-//! of the exposure. It does not prove colours.
+//! centre on and off the pivot, over the whole picture. Also that motion blur leaves marks where they are at the
+//! middle of the exposure. It does not prove colours.
+
+#![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, SMatrix, SVector, Vector3};
 use vergence_geometry::{Eye, HeadAngles, HeadGeometry};
 use vergence_imaging::Rgb;
 use vergence_scene::{
@@ -14,10 +16,10 @@ use vergence_scene::{
 };
 
 const BASE_M: f64 = 0.07;
-/// What the issue of exactness is decided by, pixels.
+/// Within this, pixels.
 const LIMIT_PX: f64 = 0.02;
 
-/// Marks over the whole field at a distance, cards about 20 pixels high.
+/// Marks over the whole field at a distance, cards about 32 pixels high.
 fn marks(depth_m: f64, camera: &TwinCamera) -> Vec<Mark> {
     let k = &camera.camera.intrinsics;
     let reach = (
@@ -31,7 +33,7 @@ fn marks(depth_m: f64, camera: &TwinCamera) -> Vec<Mark> {
             list.push(Mark {
                 centre: Point3::new(0.93 * a * reach.0, 0.92 * b * reach.1, depth_m),
                 normal: Vector3::new(0.15 * a, 0.1 * b, -1.0),
-                half_m: 11.0 / k.fx * depth_m,
+                half_m: 16.0 / k.fx * depth_m,
                 kind: MarkKind::Saddle,
             });
         }
@@ -85,38 +87,92 @@ fn pixel(n: [f64; 2], camera: &TwinCamera) -> [f64; 2] {
     ]
 }
 
-/// The saddle point near `start`: where every gradient is at right angles to the line to it (Förstner & Gülch 1987).
-fn saddle(picture: &Rgb, start: [f64; 2]) -> [f64; 2] {
-    const HALF: i64 = 6;
-    let grey = |x: i64, y: i64| f64::from(picture.at(x as usize, y as usize)[1]);
-    let mut at = start;
-    for _ in 0..8 {
-        let (cx, cy) = (at[0].round() as i64, at[1].round() as i64);
-        let (mut a, mut b, mut c, mut p, mut q) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for y in cy - HALF..=cy + HALF {
-            for x in cx - HALF..=cx + HALF {
-                let gx = (grey(x + 1, y) - grey(x - 1, y)) / 2.0;
-                let gy = (grey(x, y + 1) - grey(x, y - 1)) / 2.0;
-                let (dx, dy) = (x as f64 - at[0], y as f64 - at[1]);
-                let w = (-(dx * dx + dy * dy) / 12.0).exp();
-                a += w * gx * gx;
-                b += w * gx * gy;
-                c += w * gy * gy;
-                p += w * (gx * gx * x as f64 + gx * gy * y as f64);
-                q += w * (gx * gy * x as f64 + gy * gy * y as f64);
-            }
-        }
-        let det = a * c - b * b;
-        at = [(c * p - b * q) / det, (a * q - b * p) / det];
-    }
-    at
+/// Grey levels around a place, smoothed by a Gaussian of 1.6 pixels: a picture with steps in it is sampled too coarsely
+/// for gradients to be taken at once.
+struct Patch {
+    corner: [i64; 2],
+    grey: Vec<f64>,
 }
 
-fn rendered(
-    marks: Vec<Mark>,
-    camera: TwinCamera,
-    pose: &(dyn Fn(Eye, f64) -> Isometry3<f64> + Sync),
-) -> [Rgb; 2] {
+impl Patch {
+    const SIDE: i64 = 21;
+    const REACH: i64 = 6;
+
+    fn new(picture: &Rgb, start: [f64; 2]) -> Self {
+        let corner = start.map(|c| c.round() as i64 - Self::SIDE / 2);
+        let weight = |k: i64| (-(k * k) as f64 / (2.0 * 1.6 * 1.6)).exp();
+        let total: f64 = (-Self::REACH..=Self::REACH).map(weight).sum();
+        let (w, h) = picture.size();
+        let at = |x: i64, y: i64| {
+            let (x, y) = (x.clamp(0, w as i64 - 1), y.clamp(0, h as i64 - 1));
+            f64::from(picture.at(x as usize, y as usize)[1])
+        };
+        let reach = -Self::REACH..=Self::REACH;
+        // Along the rows first, then across them.
+        let rows: Vec<f64> = (0..(Self::SIDE + 2 * Self::REACH) * Self::SIDE)
+            .map(|i| {
+                let (x, y) = (
+                    corner[0] + i % Self::SIDE,
+                    corner[1] + i / Self::SIDE - Self::REACH,
+                );
+                reach.clone().map(|k| weight(k) * at(x + k, y)).sum::<f64>() / total
+            })
+            .collect();
+        let grey = (0..Self::SIDE * Self::SIDE)
+            .map(|i| {
+                let from = |k: i64| rows[(i + (k + Self::REACH) * Self::SIDE) as usize];
+                reach.clone().map(|k| weight(k) * from(k)).sum::<f64>() / total
+            })
+            .collect();
+        Self { corner, grey }
+    }
+
+    fn at(&self, x: i64, y: i64) -> f64 {
+        self.grey[((y - self.corner[1]) * Self::SIDE + x - self.corner[0]) as usize]
+    }
+}
+
+/// The saddle point near `start`: least squares of `c + d tanh(k a) tanh(k b)`, with a and b the distances from two
+/// lines of any direction that cross there (Gauss–Newton). The model is odd about the crossing as the picture is,
+/// so that it need not be the exact profile of a blurred edge.
+fn saddle(picture: &Rgb, start: [f64; 2]) -> [f64; 2] {
+    const HALF: i64 = 6;
+    let patch = Patch::new(picture, start);
+    let (cx, cy) = (start[0].round() as i64, start[1].round() as i64);
+    let width = 1.2 / (2.0 * (1.6 * 1.6 + 1.0 / 12.0_f64)).sqrt();
+    let mut p = SVector::<f64, 6>::from([start[0], start[1], 0.0, 0.0, 110.0, -100.0]);
+    for _ in 0..8 {
+        let ((s1, c1), (s2, c2)) = (p[2].sin_cos(), p[3].sin_cos());
+        let (mut normal, mut right) = (SMatrix::<f64, 6, 6>::zeros(), SVector::<f64, 6>::zeros());
+        for y in cy - HALF..=cy + HALF {
+            for x in cx - HALF..=cx + HALF {
+                let (dx, dy) = (x as f64 - p[0], y as f64 - p[1]);
+                let (a, b) = (
+                    (width * (c1 * dx + s1 * dy)).tanh(),
+                    (width * (c2 * dy - s2 * dx)).tanh(),
+                );
+                let (da, db) = (
+                    p[5] * width * (1.0 - a * a) * b,
+                    p[5] * width * (1.0 - b * b) * a,
+                );
+                let row = SVector::<f64, 6>::from([
+                    s2 * db - c1 * da,
+                    -s1 * da - c2 * db,
+                    da * (c1 * dy - s1 * dx),
+                    -db * (s2 * dy + c2 * dx),
+                    1.0,
+                    a * b,
+                ]);
+                normal += row * row.transpose();
+                right += row * (patch.at(x, y) - p[4] - p[5] * a * b);
+            }
+        }
+        p += normal.lu().solve(&right).unwrap();
+    }
+    [p[0], p[1]]
+}
+
+fn renderer(marks: Vec<Mark>, camera: TwinCamera) -> Renderer {
     let world = World::new(&WorldConfig {
         path: PathSpec::Empty,
         light: Light::Day,
@@ -124,7 +180,13 @@ fn rendered(
         marks,
     })
     .unwrap();
-    let mut renderer = Renderer::new(Arc::new(world), [camera; 2], 1).unwrap();
+    Renderer::new(Arc::new(world), [camera; 2], 1).unwrap()
+}
+
+fn rendered(
+    renderer: &mut Renderer,
+    pose: &(dyn Fn(Eye, f64) -> Isometry3<f64> + Sync),
+) -> [Rgb; 2] {
     let mut pair = [Rgb::filled(1, 1, [0; 3]), Rgb::filled(1, 1, [0; 3])];
     let [left, right] = &mut pair;
     renderer.render_pair(
@@ -151,7 +213,7 @@ fn errors(
             let Some([u, v]) = expected(&mark.centre, eye.side()) else {
                 continue;
             };
-            let margin = 12.0;
+            let margin = 17.0;
             if u < margin
                 || v < margin
                 || u > w as f64 - 1.0 - margin
@@ -173,8 +235,9 @@ fn errors(
 #[test]
 fn marks_are_where_the_model_says() {
     let camera = TwinCamera::ideal(TwinCamera::default().camera);
-    for depth_m in [1.1, 3.0, 9.0] {
+    for depth_m in [1.1, 4.0] {
         let marks = marks(depth_m, &camera);
+        let mut renderer = renderer(marks.clone(), camera);
         for mode in ["parallel", "converged", "verged"] {
             for pupil_m in [0.0, 0.02] {
                 let target = Point3::new(
@@ -198,7 +261,7 @@ fn marks_are_where_the_model_says() {
                     right: pan[1],
                 };
                 let pose = |eye: Eye, _: f64| rig.cam_from_base(eye, &angles);
-                let pair = rendered(marks.clone(), camera, &pose);
+                let pair = rendered(&mut renderer, &pose);
                 let by_ray = |p: &Point3<f64>, side: f64| {
                     let n = shot_ray(p, side, pan[usize::from(side > 0.0)], pupil_m)?;
                     if mode == "converged" && pupil_m == 0.0 {
@@ -240,16 +303,13 @@ fn blur_is_centred_on_the_middle_of_the_exposure() {
         ..HeadAngles::default()
     };
     let pose = |eye: Eye, t: f64| rig.cam_from_base(eye, &at(t));
-    let pair = rendered(marks.clone(), camera, &pose);
-    let sharp = rendered(
-        marks.clone(),
-        TwinCamera {
-            motion_blur: false,
-            ..camera
-        },
-        &pose,
-    );
-    assert_ne!(pair[0], sharp[0], "nothing was blurred");
+    let pair = rendered(&mut renderer(marks.clone(), camera), &pose);
+    let still = TwinCamera {
+        motion_blur: false,
+        ..camera
+    };
+    let sharp = rendered(&mut renderer(marks.clone(), still), &pose);
+    assert!(pair[0] != sharp[0], "nothing was blurred");
     let (most, rms, n) = errors(&pair, &marks, |p, side| {
         Some(pixel(shot_ray(p, side, 0.0, 0.0)?, &camera))
     });

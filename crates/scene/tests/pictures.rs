@@ -1,6 +1,8 @@
 //! Proves that pictures are reproducible (threads, seeds) and that every effect of the sensor is there, has the size
 //! that physics gives it, and can be switched off.
 
+#![allow(clippy::unwrap_used, reason = "tests")]
+
 use std::sync::Arc;
 
 use nalgebra::Isometry3;
@@ -35,9 +37,11 @@ fn pair_at(
     let mut renderer = Renderer::new(world.clone(), cameras, seed).unwrap();
     let mut pair = [Rgb::filled(1, 1, [0; 3]), Rgb::filled(1, 1, [0; 3])];
     let pose = |eye: Eye, t: f64| -> Isometry3<f64> {
-        let mut angles = vergence_geometry::HeadAngles::default();
-        angles.pan = turn_rad_s * (t - time_s);
-        angles.tilt = -0.05;
+        let angles = vergence_geometry::HeadAngles {
+            pan: turn_rad_s * (t - time_s),
+            tilt: -0.05,
+            ..Default::default()
+        };
         RIG.cam_from_base(eye, &angles)
     };
     let [left, right] = &mut pair;
@@ -68,17 +72,22 @@ fn bytes_do_not_depend_on_threads_and_do_on_seeds() {
     let camera = TwinCamera::default().scaled(0.326);
     let one = threads(1).install(|| pair_at(&w, [camera; 2], 7, 3.5, 0.3));
     let three = threads(3).install(|| pair_at(&w, [camera; 2], 7, 3.5, 0.3));
-    assert_eq!(one, three);
+    assert!(one == three, "one and three threads differ");
     let again = world(PathSpec::Two, 2, Light::Day);
-    assert_eq!(one, pair_at(&again, [camera; 2], 7, 3.5, 0.3));
-    assert_ne!(one, pair_at(&w, [camera; 2], 8, 3.5, 0.3), "another noise");
+    assert!(
+        one == pair_at(&again, [camera; 2], 7, 3.5, 0.3),
+        "the same again differs"
+    );
+    assert!(
+        one != pair_at(&w, [camera; 2], 8, 3.5, 0.3),
+        "another noise"
+    );
     let other = world(PathSpec::Two, 3, Light::Day);
-    assert_ne!(
-        one,
-        pair_at(&other, [camera; 2], 7, 3.5, 0.3),
+    assert!(
+        one != pair_at(&other, [camera; 2], 7, 3.5, 0.3),
         "another world"
     );
-    assert_ne!(one[0], one[1], "left and right");
+    assert!(one[0] != one[1], "left and right");
 }
 
 fn mean(picture: &Rgb, x: std::ops::Range<usize>, y: std::ops::Range<usize>) -> f64 {
@@ -138,18 +147,22 @@ fn dim_light_is_darker_and_noisier() {
 fn smeared_pictures_equal_the_mean_of_many_sharp_ones() {
     let w = world(PathSpec::Empty, 4, Light::Day);
     let turn = 3.0; // rad/s: 4.2 pixels in 4 ms at a quarter of the resolution.
-    let sharp = TwinCamera::ideal(small().camera);
+    // So dark that no lamp is clipped: clipping comes after the smear.
+    let sharp = TwinCamera {
+        gain: 0.4,
+        ..TwinCamera::ideal(small().camera)
+    };
     let blurred = TwinCamera {
         motion_blur: true,
         ..sharp
     };
     let [picture, _] = pair_at(&w, [blurred; 2], 1, 1.0, turn);
     let mut sum = vec![0.0; picture.samples().len()];
-    let many = 64;
+    let many = 24;
+    let mut renderer = Renderer::new(w.clone(), [sharp; 2], 1).unwrap();
+    let mut pair = [Rgb::filled(1, 1, [0; 3]), Rgb::filled(1, 1, [0; 3])];
     for k in 0..many {
         let late = ((f64::from(k) + 0.5) / f64::from(many) - 0.5) * blurred.exposure_s;
-        let mut renderer = Renderer::new(w.clone(), [sharp; 2], 1).unwrap();
-        let mut pair = [Rgb::filled(1, 1, [0; 3]), Rgb::filled(1, 1, [0; 3])];
         let pose = |eye: Eye, _: f64| -> Isometry3<f64> {
             let angles = vergence_geometry::HeadAngles {
                 pan: turn * late,
@@ -178,9 +191,13 @@ fn smeared_pictures_equal_the_mean_of_many_sharp_ones() {
         change += (f64::from(still[1]) - s).powi(2);
     }
     let n = sum.len() as f64;
-    let (rms, change) = ((squares / n).sqrt(), (change / n).sqrt());
-    println!("smear: rms {rms:.2} of 255, largest {most:.1}; without it rms {change:.2}");
-    assert!(rms < 0.15 * change && rms < 1.0, "{rms} against {change}");
+    // Both sides are rounded to codes: 1/12 of variance for one picture, a 24th of that for the mean.
+    let rounding = (1.0 + 1.0 / f64::from(many)) / 12.0;
+    let (rms, change) = ((squares / n - rounding).sqrt(), (change / n).sqrt());
+    println!(
+        "smear: rms {rms:.2} of 255 beyond rounding, largest {most:.1}; without it rms {change:.2}"
+    );
+    assert!(rms < 0.1 * change && most < 10.0, "{rms} against {change}");
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! Proves what walks: paths, their errors, smoothness, gait, the reference point, who hides whom.
 
+#![allow(clippy::unwrap_used, reason = "tests")]
+
 use nalgebra::Point3;
 use vergence_scene::{Light, PathSpec, SceneError, Waypoint, World, WorldConfig, parse_waypoints};
 
@@ -13,12 +15,16 @@ fn world(path: PathSpec, seed: u64) -> World {
     .unwrap()
 }
 
-/// Every named path can be walked with every one of 20 seeds, lasts a sensible time and moves smoothly.
+/// Every named path can be walked with every one of 20 seeds; with three of them it is followed closely: it lasts a
+/// sensible time and moves smoothly.
 #[test]
 fn named_paths_are_free_and_smooth() {
     for path in PathSpec::NAMED {
-        for seed in 0..3 {
+        for seed in 0..20 {
             let w = world(path.clone(), seed);
+            if seed >= 3 {
+                continue;
+            }
             if path == PathSpec::Empty {
                 assert_eq!(
                     (w.duration_s(), w.target_reference_in_base(0.0)),
@@ -155,7 +161,7 @@ fn way(places: &[(f64, f64, f64)]) -> PathSpec {
 #[test]
 fn paths_through_things_are_refused_with_the_place() {
     for (path, what) in [
-        (way(&[(0.0, 0.0, 5.0), (8.0, 5.0, 5.0)]), "a wall"),
+        (way(&[(0.0, 0.0, 7.2), (8.0, 5.0, 7.2)]), "a wall"),
         (way(&[(0.0, 0.0, 5.0), (6.0, 0.0, -0.8)]), "the rig"),
         (way(&[(0.0, 0.0, 6.5), (4.0, -3.0, 6.5)]), "the sofa"),
         (way(&[(0.0, 0.0, 10.0), (4.0, 2.0, 12.0)]), "the bookshelf"),
@@ -219,7 +225,7 @@ fn waypoint_files_are_read_or_refused_with_the_line() {
             other => panic!("{text:?}: {other:?}"),
         }
     }
-    let long = "x_m,z_m,speed_m_s\n".to_owned() + &"0,9,1\n1,9,1\n".repeat(6000);
+    let long = "x_m,z_m,speed_m_s\n".to_owned() + &"0,9,3\n0.5,9,3\n".repeat(6000);
     assert!(
         parse_waypoints(&long)
             .unwrap_err()

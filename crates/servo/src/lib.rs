@@ -5,6 +5,7 @@
 //! bytes. Wall time of its stages is measured beside it ([`stages`]) and steers nothing.
 
 pub mod error;
+mod expect;
 mod prior;
 pub mod rigging;
 pub mod servo;

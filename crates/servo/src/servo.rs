@@ -12,10 +12,12 @@ use vergence_track::filter::{
     FilterSettings, Observation, Sight, TargetEstimate, TargetFilter, Update,
 };
 use vergence_track::{
-    EyeView, FollowSettings, Follower, PixelBox, Prior, RangeNote, Report, Sighting, SightingKind,
+    EyeView, FollowSettings, FollowState, Follower, PixelBox, Prior, RangeNote, Report, Sighting,
+    SightingKind,
 };
 
 use crate::error::ServoError;
+use crate::expect::Expectation;
 use crate::prior::prior_from_estimate;
 use crate::rigging::{Rigging, Stance};
 use crate::stages::{Stage, StageTimes};
@@ -23,6 +25,17 @@ use crate::step::{Measured, Step};
 
 /// Levels of the pyramids: 64 x 48 pixels at the top of 1024 x 768.
 const LEVELS: usize = 5;
+
+/// A target whose last accepted measurement is older than this was out of sight, s: a few frames.
+const IN_SIGHT_S: f64 = 0.1;
+
+/// How far from where it was expected a target may be seen again, m: along the line of sight, where false matches between the eyes
+/// lie, and across it, where the pictures say well enough who it is ...
+const REFOUND_REACH_M: [f64; 2] = [0.4, 0.5];
+
+/// ... plus this for every second that it was out of sight, m/s: along the line, a brisk walk; across it, a walker
+/// who turned back.
+const REFOUND_SPEED_M_S: [f64; 2] = [1.0, 2.2];
 
 /// Settings of the loop.
 #[derive(Clone, Debug, Default)]
@@ -46,6 +59,7 @@ pub struct Servo {
     matcher: Matcher,
     relief_m: f64,
     filter: TargetFilter,
+    expectation: Expectation,
 }
 
 /// Grey picture and pyramid of one eye, kept between steps.
@@ -86,6 +100,7 @@ impl Servo {
             relief_m: settings.matching.relief_m,
             matcher: Matcher::new(settings.matching),
             filter: TargetFilter::new(settings.filter)?,
+            expectation: Expectation::default(),
         })
     }
 
@@ -98,20 +113,28 @@ impl Servo {
         let stance = self.rigging.stance_at(pair)?;
         let capture_s = pair.capture_s();
 
-        let report = times.timed(Stage::Track, || self.follow(&stance, capture_s))?;
+        let mut report = times.timed(Stage::Track, || self.follow(&stance, capture_s))?;
         let measured = times.timed(Stage::Measure, || {
-            report
-                .sighting
-                .as_ref()
-                .and_then(|sighting| self.measure(&stance, sighting, capture_s))
+            let sighting = report.sighting?;
+            let (measured, note) = self.measure(&stance, &sighting, capture_s);
+            if self.is_plausible(&sighting, measured.as_ref(), capture_s) {
+                if let Some(note) = note {
+                    self.follower.note_range(note);
+                }
+                return measured;
+            }
+            report.sighting = None;
+            report.state = FollowState::Occluded;
+            self.doubt(&stance, capture_s);
+            None
         });
         let (update, estimate, aim, control) = times.timed(Stage::Control, || {
             let update = report
                 .sighting
                 .as_ref()
                 .and_then(|s| self.believe(&stance, s, measured.as_ref(), capture_s));
-            let estimate = self.filter.predict(capture_s).ok();
-            let aim = self.filter.predict(now_s).ok();
+            let estimate = self.expectation.at(&self.filter, capture_s);
+            let aim = self.expectation.at(&self.filter, now_s);
             let control = self.drive(&stance, aim.as_ref(), now_s)?;
             Ok::<_, ServoError>((update, estimate, aim, control))
         })?;
@@ -186,7 +209,7 @@ impl Servo {
     }
 
     fn prior(&self, stance: &Stance, capture_s: f64) -> Option<Prior> {
-        let estimate = self.filter.predict(capture_s).ok()?;
+        let estimate = self.expectation.at(&self.filter, capture_s)?;
         prior_from_estimate(&estimate, &self.cameras[0], &stance.base_from_cam[0])
     }
 
@@ -195,7 +218,7 @@ impl Servo {
         stance: &Stance,
         sighting: &Sighting,
         capture_s: f64,
-    ) -> Option<Measurement> {
+    ) -> (Option<Measurement>, Option<RangeNote>) {
         let prior = self.depth_prior(stance, sighting, capture_s);
         let views = [0, 1].map(|eye| measure::View {
             pyramid: &self.pictures[eye].pyramid,
@@ -210,31 +233,13 @@ impl Servo {
         let report = self.matcher.measure(&views, &region, prior.as_ref());
         let nearer_fraction = report.nearer_fraction(prior.as_ref(), self.relief_m);
         let found = report.outcome.ok();
-        if let Some((distance_m, sigma_m)) = distance_of(found.as_ref(), prior.as_ref()) {
-            self.follower.note_range(RangeNote {
+        let note =
+            distance_of(found.as_ref(), prior.as_ref()).map(|(distance_m, sigma_m)| RangeNote {
                 distance_m,
                 sigma_m,
                 nearer_fraction,
             });
-        }
-        let found = found?;
-        let (value, covariance) =
-            found.in_head(&stance.base_from_head, sighting.anchor_sigma_px)?;
-        Some(Measurement {
-            sight: Sight::Stereo {
-                base_from_head: stance.base_from_head,
-                value,
-                covariance,
-            },
-            result: Measured {
-                left_px: found.left_px,
-                right_px: found.right_px,
-                disparity_px: found.disparity_px,
-                sigma_px: found.sigma_px,
-                point_in_base: found.point_in_base,
-                patches: [found.inliers, found.total],
-            },
-        })
+        (found.and_then(|f| measurement(stance, sighting, &f)), note)
     }
 
     /// What is known of the target's inverse depth in the left camera before the pair is looked at: the filter's prediction,
@@ -246,7 +251,7 @@ impl Servo {
         capture_s: f64,
     ) -> Option<measure::Prior> {
         let left = &stance.base_from_cam[0];
-        if let Ok(estimate) = self.filter.predict(capture_s)
+        if let Some(estimate) = self.expectation.at(&self.filter, capture_s)
             && sighting.kind == SightingKind::Followed
         {
             let depth = (left.inverse() * estimate.position_in_base).z;
@@ -270,6 +275,43 @@ impl Servo {
         (r.translation.vector - l.translation.vector).norm()
     }
 
+    /// Whether a target that was out of sight can be what is seen now: it must have a distance, and be where a walker could have
+    /// got to. First sightings and a target that stayed in sight are not doubted here; the filter's gate looks after those.
+    fn is_plausible(
+        &self,
+        sighting: &Sighting,
+        measured: Option<&Measurement>,
+        capture_s: f64,
+    ) -> bool {
+        let expected = self.expectation.at(&self.filter, capture_s);
+        let Some(expected) = expected.filter(|e| e.unseen_s > IN_SIGHT_S) else {
+            return true;
+        };
+        if sighting.kind == SightingKind::Found {
+            return true;
+        }
+        measured.is_some_and(|measured| {
+            let way = measured.result.point_in_base - expected.position_in_base;
+            let along = way.dot(&expected.position_in_base.coords.normalize());
+            let across = (way.norm_squared() - along * along).max(0.0).sqrt();
+            let within = |i: usize, way_m: f64| {
+                way_m <= REFOUND_REACH_M[i] + REFOUND_SPEED_M_S[i] * expected.unseen_s
+            };
+            within(0, along.abs()) && within(1, across)
+        })
+    }
+
+    /// Tell the follower that what it has seen is not the target: something else stands where the target is expected.
+    fn doubt(&mut self, stance: &Stance, capture_s: f64) {
+        if let Some(prior) = self.prior(stance, capture_s) {
+            self.follower.note_range(RangeNote {
+                distance_m: prior.distance_m,
+                sigma_m: prior.distance_sigma_m,
+                nearer_fraction: 1.0,
+            });
+        }
+    }
+
     /// Give the filter what was seen: with range where there is one, the direction alone elsewhere.
     fn believe(
         &mut self,
@@ -280,17 +322,25 @@ impl Servo {
     ) -> Option<Update> {
         if sighting.kind == SightingKind::Found {
             self.filter.reset();
+            self.expectation.reset();
         }
         let sight = match measured {
             Some(measurement) => measurement.sight,
             None => self.direction(stance, sighting)?,
         };
-        self.filter
+        let update = self
+            .filter
             .observe(&Observation {
                 time_s: capture_s,
                 sight,
             })
-            .ok()
+            .ok()?;
+        if self.filter.last_used_s() == Some(capture_s)
+            && let Ok(estimate) = self.filter.predict(capture_s)
+        {
+            self.expectation.note(capture_s, estimate.position_in_base);
+        }
+        Some(update)
     }
 
     fn direction(&self, stance: &Stance, sighting: &Sighting) -> Option<Sight> {
@@ -358,6 +408,30 @@ fn view<'a>(
         camera: &cameras[eye as usize],
         base_from_cam: stance.base_from_cam[eye as usize],
     }
+}
+
+/// What the filter and the step take of a measurement; `None` behind the head.
+fn measurement(
+    stance: &Stance,
+    sighting: &Sighting,
+    found: &measure::Measurement,
+) -> Option<Measurement> {
+    let (value, covariance) = found.in_head(&stance.base_from_head, sighting.anchor_sigma_px)?;
+    Some(Measurement {
+        sight: Sight::Stereo {
+            base_from_head: stance.base_from_head,
+            value,
+            covariance,
+        },
+        result: Measured {
+            left_px: found.left_px,
+            right_px: found.right_px,
+            disparity_px: found.disparity_px,
+            sigma_px: found.sigma_px,
+            point_in_base: found.point_in_base,
+            patches: [found.inliers, found.total],
+        },
+    })
 }
 
 struct Measurement {

@@ -14,6 +14,7 @@
 
 mod epipolar;
 mod fusion;
+mod patch;
 mod patches;
 mod refine;
 mod search;
@@ -264,8 +265,7 @@ impl Report {
         self.segments
             .iter()
             .filter(|s| s.inverse_depth_per_m > limit && !s.is_target)
-            .map(|s| s.fraction)
-            .sum()
+            .fold(0.0, |sum, s| sum + s.fraction)
     }
 }
 
@@ -429,14 +429,14 @@ fn check(views: &[View; 2], region: &Region, prior: Option<&Prior>) -> Result<()
     if !region.centre_px.iter().all(|x| x.is_finite()) {
         return bad("the region's centre", "finite (px)");
     }
-    if let Some(p) = prior {
-        if !(p.inverse_depth_per_m.is_finite() && p.sigma_per_m.is_finite() && p.sigma_per_m > 0.0)
-        {
-            return bad(
-                "the prior",
-                "a finite inverse depth with a positive sigma (1/m)",
-            );
-        }
+    let usable = |p: &Prior| {
+        p.inverse_depth_per_m.is_finite() && p.sigma_per_m.is_finite() && p.sigma_per_m > 0.0
+    };
+    if !prior.is_none_or(usable) {
+        return bad(
+            "the prior",
+            "a finite inverse depth with a positive sigma (1/m)",
+        );
     }
     for view in views {
         let (k, picture) = (&view.camera.intrinsics, view.pyramid.level(0).size());

@@ -244,3 +244,191 @@ pub(crate) fn pixel_by_normalized(camera: &Camera, n: &Point2<f64>) -> Matrix2<f
     let k = &camera.intrinsics;
     Matrix2::new(k.fx * j[0], k.fx * j[1], k.fy * j[2], k.fy * j[3])
 }
+
+#[cfg(test)]
+mod tests {
+    //! Proves: exact pixels give the exact point for narrow, wide and distorted pairs; the covariance is that of noisy trials;
+    //! the optimum beats the mid-point; impossible rays are refused.
+    use super::*;
+    use nalgebra::{Translation3, UnitQuaternion};
+    use proptest::prelude::*;
+    use vergence_geometry::{Distortion, Intrinsics};
+
+    fn camera(k1: f64) -> Camera {
+        Camera {
+            intrinsics: Intrinsics::from_sensor(0.0065, 0.0048, 1024, 768),
+            distortion: Distortion {
+                k1,
+                p2: 2e-4,
+                ..Distortion::NONE
+            },
+        }
+    }
+
+    /// A camera at a place that looks at the origin's surroundings with a roll.
+    fn looking(from: Vector3<f64>, at: Vector3<f64>, roll: f64) -> Isometry3<f64> {
+        let turn = UnitQuaternion::face_towards(&(at - from), &Vector3::new(0.0, 1.0, 0.0));
+        Isometry3::from_parts(
+            Translation3::from(from),
+            turn * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll),
+        )
+    }
+
+    fn noise(state: &mut u64) -> f64 {
+        (0..12)
+            .map(|_| {
+                *state = state
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1_442_695_040_888_963_407);
+                (*state >> 40) as f64 / f64::from(1u32 << 24)
+            })
+            .sum::<f64>()
+            - 6.0
+    }
+
+    proptest! {
+        /// Projected and triangulated again, for any base line from 5 cm to 4 m and any point before both.
+        #[test]
+        fn exact_pixels_give_the_exact_point(
+            base in 0.05..4.0f64, roll in -0.5..0.5f64,
+            x in -0.8..0.8f64, y in -0.6..0.6f64, z in 2.0..9.0f64,
+        ) {
+            let (l, r) = (camera(-0.1), camera(0.05));
+            let at = Vector3::new(0.0, 0.0, 5.0);
+            let poses = [-0.5, 0.5].map(|s| looking(Vector3::new(s * base, 0.1 * s, 0.0), at, s * roll));
+            let point = Point3::new(x, y, z);
+            let views = [View { camera: &l, base_from_cam: &poses[0] }, View { camera: &r, base_from_cam: &poses[1] }];
+            let pixels = [0, 1].map(|i| views[i].camera.project(&poses[i].inverse_transform_point(&point)));
+            prop_assume!(pixels.iter().all(Option::is_some));
+            let pixels = pixels.map(Option::unwrap);
+            prop_assume!(pixels[0].coords.amax() < 3000.0 && pixels[1].coords.amax() < 3000.0);
+            let t = triangulate(&views, &pixels, [0.1, 0.1]).unwrap();
+            prop_assert!((t.point_in_base - point).norm() < 1e-7, "{}", t.point_in_base);
+            prop_assert!(t.chi_square < 1e-12);
+            let m = midpoint(&views, &pixels).unwrap();
+            prop_assert!((m.point_in_base - point).norm() < 1e-7 && m.gap_m < 1e-7);
+        }
+    }
+
+    /// At 67 degrees and at a base of 7 cm: the scatter of noisy trials is the stated covariance, component by component,
+    /// and the mean chi-square is its one degree of freedom.
+    #[test]
+    fn covariance_is_the_scatter_of_noisy_trials() {
+        let cameras = [camera(-0.1), camera(-0.08)];
+        for (base, distance, sigma_px) in [(3.7, 2.8, [1.0, 1.0]), (0.07, 3.0, [0.2, 0.3])] {
+            let at = Vector3::new(0.0, 0.0, distance);
+            let poses =
+                [-0.5, 0.5].map(|s| looking(Vector3::new(s * base, 0.0, 0.0), at, 0.02 * s));
+            let views = [0, 1].map(|i| View {
+                camera: &cameras[i],
+                base_from_cam: &poses[i],
+            });
+            let point = Point3::new(0.1, -0.2, distance + 0.1);
+            let exact = [0, 1].map(|i| {
+                cameras[i]
+                    .project(&poses[i].inverse_transform_point(&point))
+                    .unwrap()
+            });
+            let (mut scatter, mut chi, mut stated) = (Matrix3::zeros(), 0.0, Matrix3::zeros());
+            let (trials, mut state) = (4000, 5);
+            for _ in 0..trials {
+                let pixels = [0, 1].map(|i| {
+                    exact[i] + Vector2::new(noise(&mut state), noise(&mut state)) * sigma_px[i]
+                });
+                let t = triangulate(&views, &pixels, sigma_px).unwrap();
+                let e = t.point_in_base - point;
+                scatter += e * e.transpose() / f64::from(trials);
+                stated += t.covariance / f64::from(trials);
+                chi += t.chi_square / f64::from(trials);
+            }
+            for axis in 0..3 {
+                let ratio = scatter[(axis, axis)] / stated[(axis, axis)];
+                assert!(
+                    (ratio - 1.0).abs() < 0.1,
+                    "base {base}, axis {axis}: {ratio}"
+                );
+            }
+            assert!((chi - 1.0).abs() < 0.1, "{chi}");
+        }
+    }
+
+    /// Reprojection error of the optimum is never above that of the mid-point.
+    #[test]
+    fn optimum_reprojects_no_worse_than_the_midpoint() {
+        let cameras = [camera(-0.1), camera(-0.08)];
+        let mut state = 9;
+        for k in 0..50 {
+            let base = 0.07 + 0.05 * f64::from(k);
+            let at = Vector3::new(0.0, 0.0, 3.0);
+            let poses = [-0.5, 0.5].map(|s| looking(Vector3::new(s * base, 0.0, 0.0), at, 0.0));
+            let views = [0, 1].map(|i| View {
+                camera: &cameras[i],
+                base_from_cam: &poses[i],
+            });
+            let point = Point3::new(0.3, 0.2, 2.5);
+            let pixels = [0, 1].map(|i| {
+                let px = cameras[i]
+                    .project(&poses[i].inverse_transform_point(&point))
+                    .unwrap();
+                px + Vector2::new(noise(&mut state), noise(&mut state)) * 2.0
+            });
+            let cost = |p: &Point3<f64>| -> f64 {
+                (0..2)
+                    .map(|i| {
+                        let px = cameras[i]
+                            .project(&poses[i].inverse_transform_point(p))
+                            .unwrap();
+                        (pixels[i] - px).norm_squared()
+                    })
+                    .sum()
+            };
+            let (m, t) = (
+                midpoint(&views, &pixels).unwrap(),
+                triangulate(&views, &pixels, [1.0; 2]).unwrap(),
+            );
+            assert!(cost(&t.point_in_base) <= cost(&m.point_in_base) + 1e-9);
+            assert!((cost(&t.point_in_base) - t.chi_square).abs() < 1e-9);
+        }
+    }
+
+    /// Parallel and diverging rays, a pixel beyond the lens model and bad sigmas each have their error.
+    #[test]
+    fn impossible_rays_are_refused() {
+        let c = camera(0.0);
+        let folds = camera(-0.9);
+        let poses = [-0.035, 0.035].map(|x| Isometry3::translation(x, 0.0, 0.0));
+        let view = |i: usize, camera| View {
+            camera,
+            base_from_cam: &poses[i],
+        };
+        let views = [view(0, &c), view(1, &c)];
+        let at = Point2::new(500.0, 400.0);
+        let off = |d: f64| [at, Point2::new(at.x - d, at.y)];
+        assert!(matches!(
+            triangulate(&views, &off(0.0), [0.2; 2]),
+            Err(StereoError::RaysParallel { .. })
+        ));
+        // Half a pixel of disparity at 0.2 px each: 1.8 sigma.
+        assert!(matches!(
+            triangulate(&views, &off(0.5), [0.2; 2]),
+            Err(StereoError::RaysParallel { .. })
+        ));
+        assert!(triangulate(&views, &off(10.0), [0.2; 2]).is_ok());
+        assert!(matches!(
+            triangulate(&views, &off(-10.0), [0.2; 2]),
+            Err(StereoError::BehindCamera { .. })
+        ));
+        assert!(matches!(
+            triangulate(&views, &off(10.0), [0.0, 0.2]),
+            Err(StereoError::OutOfRange { .. })
+        ));
+        // r (1 - 0.9 r²) never exceeds 0.406: 563 px.
+        let far = [Point2::new(1211.5, 383.5), at];
+        assert!(matches!(
+            midpoint(&[view(0, &folds), view(1, &c)], &far),
+            Err(StereoError::NoRay { .. })
+        ));
+        let nan = [Point2::new(f64::NAN, 1.0), at];
+        assert!(triangulate(&views, &nan, [0.2; 2]).is_err());
+    }
+}

@@ -9,6 +9,8 @@ use crate::view::{EyeView, Prior};
 const VELOCITY_S: f64 = 0.35;
 /// Time constant of the inverse distance, s.
 const DISTANCE_S: f64 = 0.15;
+/// Time constant of the usual height, s.
+const HEIGHT_S: f64 = 1.0;
 /// Nobody walks faster, m/s.
 const MAX_SPEED: f64 = 3.0;
 /// After this long unseen the target is expected to have stopped, s: extrapolation further out is a guess.
@@ -33,7 +35,13 @@ pub(crate) struct Belief {
     velocity: Vector3<f64>,
     time_s: f64,
     age_s: f64,
+    /// For how long the target has been seen in all, s.
+    known_s: f64,
     measured: bool,
+    upright: bool,
+    /// Where the chest usually is along base's y, metres: follows slowly, so that a few bad frames around a loss do not
+    /// move it.
+    usual_y: f64,
 }
 
 impl Belief {
@@ -43,13 +51,17 @@ impl Belief {
         distance_m: f64,
         measured: bool,
         velocity: Vector3<f64>,
+        upright: bool,
         time_s: f64,
     ) -> Self {
         Self {
+            upright,
+            usual_y: lens.y + ray.y * distance_m,
             point: lens + ray * distance_m,
             velocity,
             time_s,
             age_s: 0.0,
+            known_s: 0.0,
             measured,
         }
     }
@@ -65,7 +77,18 @@ impl Belief {
         self.point = lens + ray * distance_m;
         self.velocity *= 0.5;
         self.time_s = time_s;
-        self.age_s = 0.0;
+        // Old enough to keep what is known of the height, young enough to learn a new velocity within some frames.
+        self.age_s = self.age_s.min(VELOCITY_S);
+    }
+
+    /// How much lower than the target's chest a point at `distance_m` along `ray` lies, metres; 0 where people need not
+    /// stand upright.
+    pub(crate) fn below_m(&self, lens: &Point3<f64>, ray: &Vector3<f64>, distance_m: f64) -> f64 {
+        if self.upright {
+            lens.y + ray.y * distance_m - self.usual_y
+        } else {
+            0.0
+        }
     }
 
     pub(crate) fn distance_from(&self, lens: &Point3<f64>) -> f64 {
@@ -95,7 +118,7 @@ impl Belief {
             // A young belief knows no velocity yet.
             sigma_m: 0.03 + unseen_s * (0.4 + 1.2 * (-self.age_s / VELOCITY_S).exp()),
             sigma_inverse_m: if self.measured {
-                0.004 + 0.5 * unseen_s / (own_distance * own_distance)
+                0.004 + 0.35 * unseen_s / (own_distance * own_distance)
             } else {
                 1.0
             },
@@ -165,13 +188,24 @@ impl Belief {
             return;
         }
         let gain = 1.0 - (-dt / VELOCITY_S.min(self.age_s + dt).max(dt)).exp();
+        let settled = 1.0 - (-dt / HEIGHT_S.min(0.3 * self.known_s + dt)).exp();
+        self.usual_y += (self.point.y - self.usual_y) * settled;
         let velocity = (self.point - before) / dt;
         self.velocity += (velocity - self.velocity) * gain;
+        if !self.measured {
+            // A nominal distance has no rate worth extrapolating: it would feed itself.
+            self.velocity -= ray * ray.dot(&self.velocity);
+        }
+        if self.upright {
+            // Who walks on a floor neither rises nor sinks; what looks like it is the swing of the gait.
+            self.velocity.y = 0.0;
+        }
         let speed = self.velocity.norm();
         if speed > MAX_SPEED {
             self.velocity *= MAX_SPEED / speed;
         }
         self.time_s = time_s;
         self.age_s += dt;
+        self.known_s += dt;
     }
 }

@@ -72,8 +72,8 @@ impl Default for FilterSettings {
                 MotionModel {
                     velocity_decay_per_s: 0.0,
                     acceleration_time_s: 0.04,
-                    level_sigma_m_s2: 0.45,
-                    vertical_sigma_m_s2: 1.3,
+                    level_sigma_m_s2: 0.405,
+                    vertical_sigma_m_s2: 1.22,
                 },
                 MotionModel {
                     velocity_decay_per_s: 0.0,
@@ -82,7 +82,7 @@ impl Default for FilterSettings {
                     vertical_sigma_m_s2: 3.5,
                 },
             ],
-            switching_per_s: [[0.0, 0.2, 2.8], [0.25, 0.0, 0.18], [0.05, 1.5, 0.0]],
+            switching_per_s: [[0.0, 0.3, 3.2], [0.35, 0.0, 0.3], [0.05, 1.5, 0.0]],
             first_probabilities: [0.2, 0.6, 0.2],
             first_level_speed_m_s: 0.5,
             first_vertical_speed_m_s: 0.5,
@@ -240,7 +240,7 @@ pub struct TargetEstimate {
     pub model_probabilities: [f64; MODELS],
     /// Seconds since the last measurement that was used.
     pub unseen_s: f64,
-    /// Whether a position behind the rig was moved to the nearest allowed distance.
+    /// Whether a position behind the rig was moved to the nearest allowed distance since the last measurement.
     pub clamped: bool,
 }
 

@@ -84,7 +84,6 @@ pub struct Follower {
     /// Share of the last second's frames in which the torso could be ranged, and how many in a row could not.
     rangeable: f64,
     unranged: u32,
-    drop_m: f64,
     motion: MotionMap,
     movers: MoverFinder,
     search: Search,
@@ -114,7 +113,6 @@ impl Follower {
             note: None,
             rangeable: 0.0,
             unranged: 0,
-            drop_m: (1.0 - CHEST_SHARE) * USUAL_HEIGHT_M,
             motion: MotionMap::new(),
             movers: MoverFinder::default(),
             search: Search::default(),
@@ -320,6 +318,7 @@ impl Follower {
             distance_m,
             range.is_some() || mover.measured,
             mover.velocity,
+            self.settings.posture == Posture::Upright,
             seen.time_s,
         ));
         self.state = FollowState::Tracking;

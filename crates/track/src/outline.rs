@@ -10,10 +10,15 @@ use crate::view::{EyeView, Observation};
 const STEP_M: f64 = 1.0 / 60.0;
 /// Samples across: 1.2 m.
 const COLS: usize = 72;
-/// Samples down: 1.4 m, from 0.75 m above the anchor.
-const ROWS: usize = 84;
+/// Samples down: 1.5 m, from 0.9 m above the anchor.
+const ROWS: usize = 90;
 /// Rows above the anchor.
-const ABOVE: usize = 45;
+const ABOVE: usize = 54;
+/// Line of the shoulders, metres below the chest (above it): 0.82 to 0.85 of the body's height where the chest is at
+/// 0.73 (proportions after Drillis and Contini 1966, rounded).
+const SHOULDERS_M: f64 = -0.2;
+/// Top of the head, likewise.
+const CROWN_M: f64 = -0.455;
 /// Half side of the window over which differences between the eyes are summed, samples.
 const REACH: usize = 3;
 /// Differences between the eyes that noise makes, grey levels.
@@ -28,10 +33,10 @@ pub(crate) struct Outline {
     pub(crate) middle_clear: f64,
     /// Half of the torso's width, metres.
     pub(crate) half_width_m: f64,
-    /// Top of the head, metres below the anchor (negative).
-    pub(crate) top_m: f64,
-    /// How clearly it was seen.
-    pub(crate) top_clear: f64,
+    /// Height of the chest, metres below the anchor.
+    pub(crate) chest_m: f64,
+    /// How clearly the shoulders were seen.
+    pub(crate) chest_clear: f64,
 }
 
 /// Middle of what belongs to the target around the anchor, whatever its posture.
@@ -64,20 +69,19 @@ pub(crate) struct OutlineFinder {
 
 impl OutlineFinder {
     /// The outline about `patch.ray` at `distance_m`, from stereo (is a pixel at the person's distance or behind?)
-    /// and from motion; the head's top is expected `drop_m` above the anchor. `patch.lattice` is not used. `None` when neither speaks.
+    /// and from motion. `patch.lattice` is not used. `None` when neither speaks.
     pub(crate) fn find(
         &mut self,
         seen: &Observation,
         patch: &Patch,
         distance_m: f64,
-        drop_m: f64,
         motion: Option<(&Gray, f64)>,
     ) -> Option<Outline> {
         let facet = self.gather(seen, patch, distance_m, motion)?;
         let visible = visible_rows(&seen.left, &facet);
         let mut outline = Outline::default();
         self.middle(&visible, &mut outline);
-        self.top(&visible, drop_m, &mut outline);
+        self.chest(&visible, &mut outline);
         Some(outline)
     }
 
@@ -297,37 +301,67 @@ impl OutlineFinder {
         }
     }
 
-    /// The step from surroundings to head above the torso's middle.
-    fn top(&self, visible: &std::ops::Range<usize>, drop_m: f64, outline: &mut Outline) {
-        const SPAN: usize = 9;
-        // Where the head leaves the picture, neck or collar would be taken for its top.
-        let expected = ABOVE as f64 - drop_m / STEP_M;
-        if expected < (visible.start + SPAN + 4) as f64 {
+    /// The height at which head, shoulders and torso fit best: beside the neck there is background, beside the chest
+    /// there are shoulders. The line of the shoulders counts most, since hair is often as dark as what is behind.
+    fn chest(&self, visible: &std::ops::Range<usize>, outline: &mut Outline) {
+        let middle = COLS as f64 / 2.0 + outline.middle_m / STEP_M;
+        let side = self.rows_between(middle, 0.12, 0.20);
+        let head = self.rows_between(middle, 0.0, 0.08);
+        // Seen from the side a body has no shoulders' line.
+        let frontal = ((outline.half_width_m - 0.17) / 0.06).clamp(0.1, 1.0);
+        let row = |metres: f64| ABOVE as f64 + metres / STEP_M;
+        let mean = |profile: &[f64; ROWS + 1], from_m: f64, to_m: f64| -> Option<f64> {
+            let (a, b) = (row(from_m).round(), row(to_m).round());
+            let inside = a >= visible.start as f64 && b <= visible.end as f64 && b > a;
+            inside.then(|| (profile[b as usize] - profile[a as usize]) / (b - a))
+        };
+        // What has left the picture must not speak for candidates further down, where it would be inside again.
+        let least = |metres: f64| row(metres) >= visible.start as f64;
+        let head_visible = least(CROWN_M - 0.2);
+        if !least(SHOULDERS_M - 0.25) {
             return;
         }
-        let middle = (COLS as f64 / 2.0 + outline.middle_m / STEP_M) as usize;
-        let columns = middle.saturating_sub(5)..(middle + 5).min(COLS);
-        let mut profile = [0.0_f64; ROWS + 1];
-        for y in 0..ROWS {
-            let sum: f64 = columns
-                .clone()
-                .map(|x| f64::from(self.body[y * COLS + x]))
-                .sum();
-            profile[y + 1] = profile[y] + sum / columns.len() as f64;
-        }
-        let mean = |a: usize, b: usize| (profile[b] - profile[a]) / (b - a) as f64;
         let mut best = f64::NEG_INFINITY;
-        for y in SPAN.max(visible.start + SPAN)..(ABOVE - 12).min(visible.end.saturating_sub(SPAN))
-        {
-            let top = (y as f64 - ABOVE as f64) * STEP_M;
-            let step = mean(y, y + SPAN) - mean(y - SPAN, y);
-            let score = step - 0.1 * ((top + drop_m) / 0.2).powi(2);
+        for step in -20..=20 {
+            let y = f64::from(step) * STEP_M;
+            let shoulders = mean(&side, y + SHOULDERS_M + 0.015, y + SHOULDERS_M + 0.165)
+                .zip(mean(
+                    &side,
+                    y + SHOULDERS_M - 0.165,
+                    y + SHOULDERS_M - 0.015,
+                ))
+                .map(|(chest, neck)| chest - neck);
+            let crown = mean(&head, y + CROWN_M, y + CROWN_M + 0.15)
+                .zip(mean(&head, y + CROWN_M - 0.15, y + CROWN_M))
+                .map(|(head, above)| head - above);
+            let Some(shoulders) = shoulders else {
+                continue;
+            };
+            let crown = crown.filter(|_| head_visible).unwrap_or(0.0);
+            let score = 1.4 * frontal * shoulders + crown - 0.03 * (y / 0.1).powi(2);
             if score > best {
                 best = score;
-                outline.top_m = top;
-                outline.top_clear = step.clamp(0.0, 1.0);
+                outline.chest_m = y;
+                outline.chest_clear = (frontal * shoulders).max(crown).clamp(0.0, 1.0);
             }
         }
+    }
+
+    /// Running sums over rows of the mean evidence at `from_m..to_m` to either side of column `middle`.
+    fn rows_between(&self, middle: f64, from_m: f64, to_m: f64) -> [f64; ROWS + 1] {
+        let mut sums = [0.0; ROWS + 1];
+        for y in 0..ROWS {
+            let (mut sum, mut n) = (0.0, 0.0);
+            for x in 0..COLS {
+                let away = (x as f64 + 0.5 - middle).abs() * STEP_M;
+                if (from_m..to_m).contains(&away) {
+                    sum += f64::from(self.body[y * COLS + x]);
+                    n += 1.0;
+                }
+            }
+            sums[y + 1] = sums[y] + sum / f64::max(n, 1.0);
+        }
+        sums
     }
 }
 

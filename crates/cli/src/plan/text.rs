@@ -76,9 +76,15 @@ pub(super) fn sentence(question: &Question, report: &Report) -> String {
     let mut ends = String::new();
     if let Some(t) = report.deciding() {
         let far = question.far_m;
-        if let Some(z) = t.distances.indistinguishable_from_m.filter(|z| *z < far) {
-            ends = format!("; beyond {} the modes can hardly be told apart", metres(z));
-        }
+        ends = match t.distances.indistinguishable_from_m {
+            Some(z) if z <= question.near_m => {
+                "; the modes can hardly be told apart anywhere".to_owned()
+            }
+            Some(z) if z < far => {
+                format!("; beyond {} the modes can hardly be told apart", metres(z))
+            }
+            _ => String::new(),
+        };
     }
     let info = question.rule.info();
     format!(
@@ -112,12 +118,12 @@ fn capital(text: &str) -> String {
     })
 }
 
-/// Neighbouring segments with the same mode and worth, joined; the need is the graver one.
+/// Neighbouring segments that read the same, joined; the need is the graver one.
 fn merged(segments: &[Segment]) -> Vec<Segment> {
     let mut out: Vec<Segment> = Vec::new();
     for segment in segments {
         match out.last_mut() {
-            Some(last) if last.mode == segment.mode && last.acceptable == segment.acceptable => {
+            Some(last) if advice(last) == advice(segment) => {
                 last.to_m = segment.to_m;
                 last.need = last.need.max(segment.need);
             }
@@ -128,21 +134,30 @@ fn merged(segments: &[Segment]) -> Vec<Segment> {
 }
 
 fn clause(s: &Segment) -> String {
-    let range = format!("from {} to {}", metres(s.from_m), metres(s.to_m));
-    let broken = match (s.acceptable, s.mode) {
-        (true, _) => "",
-        (false, "converged") => " (with more vertical parallax in the corners than the limit)",
-        (false, _) => " (beyond a limit, see the warnings)",
-    };
-    match (s.mode, s.need) {
-        ("shifted", _) => format!(
-            "{range} put zero parallax on the target by shifting the pictures of parallel cameras{broken}"
-        ),
-        ("converged", _) => format!("{range} converge the cameras on the target{broken}"),
-        (_, Need::Required | Need::Advised) if !s.acceptable => {
-            format!("{range} parallel cameras are beyond the rule's comfortable range")
+    format!(
+        "from {} to {} {}",
+        metres(s.from_m),
+        metres(s.to_m),
+        advice(s)
+    )
+}
+
+/// What to do, without the distances.
+fn advice(s: &Segment) -> &'static str {
+    match (s.mode, s.acceptable, s.need) {
+        ("shifted", true, _) => {
+            "put zero parallax on the target by shifting the pictures of parallel cameras"
         }
-        _ => format!("{range} parallel cameras are comfortable"),
+        ("shifted", false, _) => {
+            "put zero parallax on the target by shifting the pictures (at the cost of more width than the limit)"
+        }
+        ("converged", true, _) => "converge the cameras on the target",
+        ("converged", false, _) => {
+            "converge the cameras on the target (with more vertical parallax in the corners than the limit)"
+        }
+        (_, _, Need::Required) => "parallel cameras are beyond the limit",
+        (_, _, Need::Advised) => "parallel cameras are within the limit but beyond comfort",
+        _ => "parallel cameras are comfortable",
     }
 }
 
@@ -191,8 +206,8 @@ fn thresholds(report: &Report) -> String {
     let mut out = String::from(
         "\nThresholds of every rule, distance of the target in metres\n\
          (* gives the verdict; ? constants unconfirmed in their source; - the rule says nothing or the limit is never met)\n\n\
-         rule                            parallel           background behind    parallel    modes    toe-in corners\n\
-         \x20                               fusible  comfort.   fusible  comfort.   no depth    alike    limit    good\n",
+         rule                               parallel           background behind    parallel    modes    toe-in corners\n\
+         \x20                                  fusible  comfort.   fusible  comfort.   no depth    alike    limit    good\n",
     );
     let cell = |z: Option<f64>| z.map_or("-".to_owned(), |z| format!("{z:.2}"));
     for t in &report.thresholds {
@@ -216,7 +231,7 @@ fn thresholds(report: &Report) -> String {
             (false, false) => "?",
         };
         out += &format!(
-            "{mark} {:<29} {:>7}  {:>8}   {:>7}  {:>8}   {:>8} {:>8} {:>8} {:>7}\n",
+            "{mark} {:<32} {:>7}  {:>8}   {:>7}  {:>8}   {:>8} {:>8} {:>8} {:>7}\n",
             t.name,
             cell(all[0]),
             cell(all[1]),

@@ -46,9 +46,11 @@ pub(super) fn case_json(setup: &Setup, id: &str, point: [f64; 3], result: &CaseR
     match setup.array.mode {
         Mode::Parallel => {}
         Mode::Converged { distance_m } | Mode::Shifted { distance_m } => {
-            case["L"] = json!(distance_m)
+            case["L"] = json!(distance_m);
         }
-        Mode::Verged { target_m } => case["target"] = json!(target_m),
+        Mode::Verged { target_m } => {
+            case["target"] = json!(target_m);
+        }
     }
     case
 }

@@ -60,7 +60,7 @@ fn panel(label: &str, must_show: &[f64], series: Vec<Series>) -> Panel {
         .flat_map(|s| s.points.iter().map(|p| p.1))
         .filter(|v| v.is_finite())
         .collect();
-    let mut panel = Panel::new(Axis::around(label, values.into_iter(), must_show), series);
+    let mut panel = Panel::new(Axis::around(label, values, must_show), series);
     panel.height = 130.0;
     panel
 }

@@ -69,7 +69,7 @@ pub(crate) fn run(
             log.keep_pace(&mut clock, elapsed_s, feed.info().fps);
         }
         let step = servo.step(&pair, pair.arrival_s() + PROCESSING_S)?;
-        folder.row(log.take(&feed, &servo, &pair, step, plan)?)?;
+        folder.row(log.take(&feed, &servo, &pair, &step, plan)?)?;
         next = feed.next_pair(Some(pair))?;
     }
     log.panel.clear();
@@ -155,10 +155,10 @@ impl Log {
         feed: &Feed,
         servo: &Servo,
         pair: &StereoFrame,
-        step: Step,
+        step: &Step,
         plan: &Plan,
     ) -> anyhow::Result<&Row> {
-        let row = row_from_step(feed, &step, plan);
+        let row = row_from_step(feed, step, plan);
         let latency_s = (step.arrival_s - step.capture_s) + step.times.total_s();
         self.wall.latency_s.push(latency_s);
         for stage in Stage::ALL {
@@ -181,11 +181,11 @@ impl Log {
         }
         self.panel.show(&row, self.watch.elapsed_s(), latency_s);
         if self.sample.wants(pair.index) {
-            let shown = super::shown::pair_as_shown(servo, pair, &step, feed)?;
+            let shown = super::shown::pair_as_shown(servo, pair, step, feed)?;
             self.sample
                 .keep(pair.index, [&shown[0], &shown[1]], row.shift_px);
         }
-        self.still.offer(pair, &step);
+        self.still.offer(pair, step);
         self.rows.push(row);
         self.rows.last().ok_or_else(|| anyhow::anyhow!("no row"))
     }

@@ -80,12 +80,15 @@ fn marked(picture: &Rgb, step: &Step, eye: usize) -> anyhow::Result<Rgb> {
         canvas.line((at.0 - arm, at.1), (at.0 + arm, at.1), &paint);
         canvas.line((at.0, at.1 - arm), (at.0, at.1 + arm), &paint);
         let size = (width / 45.0).max(12.0);
-        let label = label(step, measured);
-        let y = (at.1 - 2.0 * arm).clamp(2.0 * size, height - size);
-        let x = at.0.clamp(size * 8.0, (width - size * 8.0).max(size * 8.0));
         let kind = Type::size(size).middle().bold().halo();
-        for (i, line) in label.iter().enumerate() {
-            canvas.text((x, y + (i as f64 - 1.0) * 1.2 * size), line, &kind);
+        let below = step
+            .sighting
+            .as_ref()
+            .map_or(at.1 + 2.0 * arm, |s| s.body.y + s.body.h);
+        let y = (below + 1.4 * size).clamp(1.4 * size, height - 1.8 * size);
+        let x = at.0.clamp(size * 8.0, (width - size * 8.0).max(size * 8.0));
+        for (i, line) in label(step, measured).iter().enumerate() {
+            canvas.text((x, y + i as f64 * 1.2 * size), line, &kind);
         }
     }
     canvas

@@ -98,11 +98,10 @@ fn facts(key: &Key) -> String {
 
 fn toml_value(entry: &Entry) -> String {
     let text = value_text(entry);
-    let bare = match entry.key.kind {
-        Kind::Switch | Kind::Count => true,
-        Kind::Quantity(Dimension::Number) => true,
-        _ => false,
-    };
+    let bare = matches!(
+        entry.key.kind,
+        Kind::Switch | Kind::Count | Kind::Quantity(Dimension::Number)
+    );
     if bare { text } else { quoted(&text) }
 }
 

@@ -206,14 +206,14 @@ impl Dimension {
         let typed = scale.typed(inner);
         let number = (6..=17)
             .map(|digits| significant(typed, digits))
-            .find(|text| text.parse().map(|back| scale.inner(back)) == Ok(inner))
-            .unwrap_or_else(|| format!("{typed}"));
-        if unit.is_empty() {
-            number
-        } else if unit == "%" {
-            format!("{number}%")
-        } else {
-            format!("{number} {unit}")
+            .find(|text| text.parse().map(|back| scale.inner(back)) == Ok(inner));
+        match number {
+            Some(number) if unit.is_empty() || unit == "%" => format!("{number}{unit}"),
+            Some(number) => format!("{number} {unit}"),
+            // Some numbers have no text in that unit; the inner one is always exact.
+            None => format!("{inner} {}", self.inner_unit())
+                .trim_end()
+                .to_owned(),
         }
     }
 }

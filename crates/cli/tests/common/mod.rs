@@ -8,29 +8,29 @@ use std::process::{Command, Output};
 use tempfile::TempDir;
 
 /// A folder of its own for one test.
-pub struct Place {
+pub(crate) struct Place {
     dir: TempDir,
 }
 
 impl Place {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             dir: tempfile::tempdir().expect("a temporary folder"),
         }
     }
 
-    pub fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         self.dir.path()
     }
 
     /// Write a file.
-    pub fn file(&self, name: &str, text: &str) -> &Self {
+    pub(crate) fn file(&self, name: &str, text: &str) -> &Self {
         std::fs::write(self.path().join(name), text).expect("a file in the temporary folder");
         self
     }
 
     /// The program with these arguments, without the variables of the machine that tests it.
-    pub fn command(&self, args: &[&str]) -> Command {
+    pub(crate) fn command(&self, args: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_vergence"));
         command.args(args).current_dir(self.path());
         for (name, _) in std::env::vars_os() {
@@ -41,17 +41,17 @@ impl Place {
         command
     }
 
-    pub fn run(&self, args: &[&str]) -> Done {
+    pub(crate) fn run(&self, args: &[&str]) -> Done {
         Done::from(self.command(args).output().expect("the program starts"))
     }
 }
 
 /// What came out.
 #[derive(Debug)]
-pub struct Done {
-    pub code: i32,
-    pub out: String,
-    pub err: String,
+pub(crate) struct Done {
+    pub(crate) code: i32,
+    pub(crate) out: String,
+    pub(crate) err: String,
 }
 
 impl From<Output> for Done {
@@ -66,17 +66,17 @@ impl From<Output> for Done {
 
 impl Done {
     /// Stdout of a run that went well and said nothing on stderr.
-    pub fn good(self) -> String {
+    pub(crate) fn good(self) -> String {
         assert_eq!((self.code, self.err.as_str()), (0, ""), "{self:?}");
         self.out
     }
 
-    pub fn json(self) -> serde_json::Value {
+    pub(crate) fn json(self) -> serde_json::Value {
         serde_json::from_str(&self.good()).expect("JSON on stdout")
     }
 
     /// Stderr of a run that was refused with this code and printed no data.
-    pub fn refused(self, code: i32) -> String {
+    pub(crate) fn refused(self, code: i32) -> String {
         assert_eq!((self.code, self.out.as_str()), (code, ""), "{self:?}");
         assert!(self.err.starts_with("error: "), "{self:?}");
         self.err

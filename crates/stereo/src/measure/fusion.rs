@@ -121,21 +121,27 @@ fn solve(
     // The centre itself is free but for a hint that keeps the system regular.
     let mut normal =
         Normal::from_diagonal(&(Coefficients::new(1e-6, 1.0, 1.0, 1.0, 1.0, QUARTIC) * stiff));
+    let prior = normal;
     let mut right = Coefficients::zeros();
+    let mut spread = Normal::zeros();
     for (s, w) in samples.iter().zip(weights) {
         if *w > 0.0 {
             let b = basis(s.at);
-            let weight = w * nearness(s.at) / (s.sigma * s.sigma + scatter * scatter);
+            let variance = s.sigma * s.sigma + scatter * scatter;
+            let weight = w * nearness(s.at) / variance;
+            spread += b * b.transpose() * (weight * weight * variance);
             normal += b * b.transpose() * weight;
             right += b * ((s.value - start) * weight);
         }
     }
     let factor = normal.cholesky()?;
-    Some((factor.solve(&right), factor.inverse()))
+    // Weights that are not inverse variances: N⁻¹ (Σ weight² variance b b' + prior) N⁻¹.
+    let inverse = factor.inverse();
+    Some((factor.solve(&right), inverse * (spread + prior) * inverse))
 }
 
-/// Scatter of the samples about the surface beyond `roughness`: 1.4826 times the weighted median of the absolute
-/// residuals, from samples that still count.
+/// Scatter of the samples about the surface beyond their own deviations, at least `roughness`: from 1.4826 times the
+/// weighted median of the absolute residuals of samples that still count.
 fn scatter_about(
     samples: &[Sample],
     weights: &[f64],
@@ -143,16 +149,17 @@ fn scatter_about(
     start: f64,
     roughness: f64,
 ) -> f64 {
-    let mut residuals: Vec<(f64, f64)> = samples
-        .iter()
-        .zip(weights)
-        .filter(|(_, w)| **w > 0.0)
+    let counting = || samples.iter().zip(weights).filter(|(_, w)| **w > 0.0);
+    let mut residuals: Vec<(f64, f64)> = counting()
         .map(|(s, w)| ((s.value - value(c, s.at, start)).abs(), *w))
         .collect();
+    let mut own: Vec<(f64, f64)> = counting().map(|(s, w)| (s.sigma, *w)).collect();
     // The surface fits away part of the scatter of few samples.
     let count = residuals.len() as f64;
     let freedom = (count / (count - 2.5).max(1.0)).sqrt();
-    (1.4826 * freedom * weighted_median(&mut residuals).unwrap_or(0.0)).max(roughness)
+    let total = 1.4826 * freedom * weighted_median(&mut residuals).unwrap_or(0.0);
+    let own = weighted_median(&mut own).unwrap_or(0.0);
+    (total * total - own * own).max(0.0).sqrt().max(roughness)
 }
 
 /// Value at which half of the weight lies below; `None` without weight.

@@ -4,8 +4,9 @@ use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::epipolar::{Line, PairGeometry};
 use super::fusion::{Sample, weighted_median};
+use super::patch::{Patch, RegisteredPatch, curve_peak};
 use super::refine::{Registrar, Template};
-use super::search::{Unit, on_level, parabola};
+use super::search::{Unit, on_level};
 use super::{MatchSettings, Prior, Refusal, Region, Segment, View};
 
 /// Side of the cells that the region is divided into when it is small, px.
@@ -32,42 +33,11 @@ const MOST_STEPS: usize = 400;
 /// Least contrast (standard deviation, grey levels) of a patch that can be matched.
 const LEAST_CONTRAST: f32 = 1.0;
 
-/// How far the left-right check looks, px of the level, and how far off it may end.
-const CHECK_PX: [i32; 2] = [6, 1];
-
 /// A patch whose own registration is less certain than this has no texture along its epipolar line, px.
 const MOST_SIGMA_PX: f64 = 0.5;
 
 /// A second distance with this part of the best one's votes makes it ambiguous.
 const RIVAL: f64 = 0.85;
-
-/// One patch of the region.
-#[derive(Clone, Debug)]
-pub(crate) struct Patch {
-    /// -1..1 over the region.
-    pub(crate) at: [f64; 2],
-    line: Line,
-    template: Option<Unit>,
-    grid: Matrix2<f64>,
-    /// Inverse depth on the target's surface and the correlation there.
-    near_vote: Option<(f64, f32)>,
-    /// Inverse depth of something else that fits clearly better.
-    elsewhere: Option<f64>,
-    registered: Option<RegisteredPatch>,
-}
-
-/// The outcome at full size.
-#[derive(Clone, Copy, Debug)]
-struct RegisteredPatch {
-    start: f64,
-    offset: Vector2<f64>,
-    along: Vector2<f64>,
-    across: Vector2<f64>,
-    /// Right pixels per 1/m.
-    slope: f64,
-    normal: Matrix2<f64>,
-    variance: f64,
-}
 
 /// What the patches agree on.
 #[derive(Clone, Copy, Debug)]
@@ -80,7 +50,7 @@ pub(crate) struct Vote {
 /// All patches with the buffers of their work.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Patches {
-    pub(crate) list: Vec<Patch>,
+    pub(super) list: Vec<Patch>,
     level: usize,
     side: usize,
     hypotheses: Vec<f64>,
@@ -521,89 +491,6 @@ impl Patches {
     }
 }
 
-impl Patch {
-    /// Left-right check: the right patch at `w` must find the left one again rather than a neighbour on its epipolar
-    /// line.
-    fn agrees_backwards(&self, views: &[View; 2], level: usize, w: f64) -> bool {
-        let checked = || {
-            let hit = self.line.hit(w)?;
-            let (left, right) = (views[0].pyramid.level(level), views[1].pyramid.level(level));
-            let there = Unit::sampled(right, &on_level(&hit.px, level), &hit.by_left_px)?;
-            let back = (hit.by_left_px.try_inverse()? * hit.by_inverse_depth).normalize();
-            let here = on_level(&self.line.left_px, level);
-            let mut best = (f32::MIN, 0);
-            for s in -CHECK_PX[0]..=CHECK_PX[0] {
-                let at = here + back * f64::from(s);
-                if let Some(unit) = Unit::sampled(left, &at, &Matrix2::identity()) {
-                    let c = unit.correlation(&there);
-                    if c > best.0 {
-                        best = (c, s);
-                    }
-                }
-            }
-            Some(best.1.abs() <= CHECK_PX[1])
-        };
-        checked().unwrap_or(false)
-    }
-
-    /// The inverse depth improved level by level: seven places around it on each.
-    fn followed_down(
-        &self,
-        views: &[View; 2],
-        from: usize,
-        w: f64,
-        correlation: f32,
-    ) -> Option<(f64, f32)> {
-        let (mut w, mut correlation) = (w, correlation);
-        for level in (0..=from).rev() {
-            let hit = self.line.hit(w)?;
-            let step = 0.5 * (1u64 << level) as f64 / hit.by_inverse_depth.norm();
-            let (left, right) = (views[0].pyramid.level(level), views[1].pyramid.level(level));
-            let here = on_level(&self.line.left_px, level);
-            let Some(template) = Unit::sampled(left, &here, &Matrix2::identity()) else {
-                // Flat at this size: what the coarser level said stays.
-                break;
-            };
-            let mut curve = [-1.0f32; 7];
-            for (k, c) in curve.iter_mut().enumerate() {
-                let px = self.line.pixel(w + (k as f64 - 3.0) * step);
-                let unit =
-                    px.and_then(|px| Unit::sampled(right, &on_level(&px, level), &hit.by_left_px));
-                *c = unit.map_or(-1.0, |u| u.correlation(&template));
-            }
-            let (k, part, c) = curve_peak(&curve, 0..7)?;
-            w += (k as f64 - 3.0 + part) * step;
-            correlation = c;
-        }
-        Some((w, correlation))
-    }
-}
-
-impl RegisteredPatch {
-    /// Offset along the epipolar line when the offset across it is `residue` (the 2-D optimum moved along its valley).
-    fn shift(&self, residue: f64) -> f64 {
-        let (ee, en) = self.stiffness();
-        let (along, across) = (self.offset.dot(&self.along), self.offset.dot(&self.across));
-        if ee > 0.0 {
-            along + en / ee * (across - residue)
-        } else {
-            along
-        }
-    }
-
-    /// Standard deviation of [`Self::shift`], px; `None` without texture along the line.
-    fn sigma_px(&self) -> Option<f64> {
-        let (ee, _) = self.stiffness();
-        // Smoothing has correlated neighbouring residues: they count for less than their number.
-        (ee > 0.0).then(|| 1.6 * (self.variance / ee).sqrt())
-    }
-
-    fn stiffness(&self) -> (f64, f64) {
-        let pull = self.normal * self.along;
-        (self.along.dot(&pull), self.across.dot(&pull))
-    }
-}
-
 /// Unit direction in the left picture along which the target's image moves with its distance.
 fn left_direction(pair: &PairGeometry, px: &Point2<f64>) -> Option<Vector2<f64>> {
     let hit = pair.line(px)?.hit(0.0)?;
@@ -634,23 +521,6 @@ fn gradient_energy(
         }
     }
     sum
-}
-
-/// Highest value of a part of a curve: index, sub-step offset, value.
-fn curve_peak(curve: &[f32], range: std::ops::Range<usize>) -> Option<(usize, f64, f32)> {
-    let mut best: Option<usize> = None;
-    for k in range {
-        if best.is_none_or(|b| curve[k] > curve[b]) {
-            best = Some(k);
-        }
-    }
-    let k = best?;
-    let part = if k > 0 && k + 1 < curve.len() && curve[k - 1] > -1.0 && curve[k + 1] > -1.0 {
-        parabola(curve[k - 1], curve[k], curve[k + 1])
-    } else {
-        0.0
-    };
-    Some((k, part, curve[k]))
 }
 
 fn argmax(values: &[f64], keep: impl Fn(usize) -> bool) -> Option<usize> {

@@ -61,12 +61,11 @@ impl Unit {
         } else {
             gather(picture.samples(), w, at, grid, &mut samples);
         }
-        let mean = samples.iter().sum::<f32>() / SAMPLES as f32;
-        let mut square = 0.0;
+        let mean = dot(&samples, &[1.0; SAMPLES]) / SAMPLES as f32;
         for s in &mut samples {
             *s -= mean;
-            square += *s * *s;
         }
+        let square = dot(&samples, &samples);
         // Below a twentieth of a grey level of contrast there is only rounding.
         if !(square > 0.0025 * SAMPLES as f32) {
             return None;

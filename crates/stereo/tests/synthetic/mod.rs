@@ -9,7 +9,7 @@ use vergence_stereo::measure::{Region, View};
 
 /// Front of the body, upright along the base's y, 0.6 m high.
 #[derive(Clone, Copy, Debug)]
-pub enum Shape {
+pub(crate) enum Shape {
     /// A flat board 0.5 m wide, turned about the vertical by the angle (rad).
     Board(f64),
     /// An elliptic cylinder 0.4 m wide and 0.24 m deep: a torso.
@@ -18,41 +18,41 @@ pub enum Shape {
 
 /// What stands where.
 #[derive(Clone, Copy, Debug)]
-pub struct Scene {
-    pub shape: Shape,
+pub(crate) struct Scene {
+    pub(crate) shape: Shape,
     /// Centre of the front (board) or of the axis (torso), m.
-    pub place: Point3<f64>,
+    pub(crate) place: Point3<f64>,
     /// z of the wall, m.
-    pub wall_z: f64,
-    pub seed: u64,
+    pub(crate) wall_z: f64,
+    pub(crate) seed: u64,
     /// Standard deviation of the body's texture, grey levels.
-    pub contrast: f64,
+    pub(crate) contrast: f64,
     /// Something narrow before the left third of the body, this many metres nearer; 0 for nothing.
-    pub occluder: f64,
+    pub(crate) occluder: f64,
 }
 
 /// A rig in a pose.
 #[derive(Clone, Copy, Debug)]
-pub struct Rig {
-    pub cameras: [Camera; 2],
-    pub base_from_cam: [Isometry3<f64>; 2],
+pub(crate) struct Rig {
+    pub(crate) cameras: [Camera; 2],
+    pub(crate) base_from_cam: [Isometry3<f64>; 2],
 }
 
 /// Noise and gain of the pictures.
 #[derive(Clone, Copy, Debug)]
-pub struct Sensor {
-    pub noise: f64,
-    pub right_gain: f64,
-    pub right_offset: f64,
+pub(crate) struct Sensor {
+    pub(crate) noise: f64,
+    pub(crate) right_gain: f64,
+    pub(crate) right_offset: f64,
 }
 
-pub const SENSOR: Sensor = Sensor {
+pub(crate) const SENSOR: Sensor = Sensor {
     noise: 2.0,
     right_gain: 1.08,
     right_offset: -4.0,
 };
 
-pub fn camera(distortion: Distortion) -> Camera {
+pub(crate) fn camera(distortion: Distortion) -> Camera {
     Camera {
         intrinsics: Intrinsics::from_sensor(0.0065, 0.0048, 1024, 768),
         distortion,
@@ -60,7 +60,7 @@ pub fn camera(distortion: Distortion) -> Camera {
 }
 
 /// 70 mm, lens centres 20 mm before the pivots.
-pub fn rig(cameras: [Camera; 2], angles: &HeadAngles) -> Rig {
+pub(crate) fn rig(cameras: [Camera; 2], angles: &HeadAngles) -> Rig {
     let head = HeadGeometry {
         interaxial_m: 0.07,
         pupil_m: 0.02,
@@ -71,13 +71,13 @@ pub fn rig(cameras: [Camera; 2], angles: &HeadAngles) -> Rig {
     }
 }
 
-pub struct Pair {
-    pub rig: Rig,
-    pub pyramids: [Pyramid; 2],
+pub(crate) struct Pair {
+    pub(crate) rig: Rig,
+    pub(crate) pyramids: [Pyramid; 2],
 }
 
 impl Pair {
-    pub fn views(&self) -> [View<'_>; 2] {
+    pub(crate) fn views(&self) -> [View<'_>; 2] {
         [0, 1].map(|i| View {
             pyramid: &self.pyramids[i],
             camera: &self.rig.cameras[i],
@@ -114,15 +114,15 @@ fn lattice(seed: u64, x: f64, y: f64) -> f64 {
 }
 
 /// Octaves from 0.12 m down to 3.75 mm, amplitude falling with the square root of the scale; standard deviation about 1.
-fn cloth(seed: u64, x: f64, y: f64) -> f64 {
+pub(crate) fn cloth(seed: u64, x: f64, y: f64) -> f64 {
     let mut sum = 0.0;
     let mut size: f64 = 0.12;
+    let (mut u, mut v) = (x, y);
     for octave in 0..6 {
-        let turn = 0.7 * f64::from(octave);
-        let (s, c) = turn.sin_cos();
-        let (u, v) = ((c * x - s * y) / size, (s * x + c * y) / size);
-        sum += (size / 0.12).sqrt() * lattice(seed.wrapping_add(octave as u64), u, v);
+        sum += (size / 0.12).sqrt() * lattice(seed.wrapping_add(octave), u / size, v / size);
         size /= 2.0;
+        // Each octave's lattice is turned against the last one's.
+        (u, v) = (0.8 * u - 0.6 * v, 0.6 * u + 0.8 * v);
     }
     sum / 0.55
 }
@@ -190,7 +190,7 @@ impl Scene {
     }
 
     /// Point on the first surface along the ray of a left pixel.
-    pub fn point(&self, rig: &Rig, left_px: &Point2<f64>) -> Point3<f64> {
+    pub(crate) fn point(&self, rig: &Rig, left_px: &Point2<f64>) -> Point3<f64> {
         let pose = &rig.base_from_cam[0];
         let ray = pose * rig.cameras[0].ray(left_px).unwrap();
         let from = Point3::from(pose.translation.vector);
@@ -198,7 +198,7 @@ impl Scene {
     }
 
     /// True disparity `u_l - u_r` (undistorted) of a left pixel.
-    pub fn disparity(&self, rig: &Rig, left_px: &Point2<f64>) -> f64 {
+    pub(crate) fn disparity(&self, rig: &Rig, left_px: &Point2<f64>) -> f64 {
         let point = self.point(rig, left_px);
         let [l, r] = [0, 1].map(|i| {
             let k = &rig.cameras[i].intrinsics;
@@ -210,7 +210,7 @@ impl Scene {
 
     /// The box of 0.36 x 0.5 m around the body's middle in the left picture, off by a part of a pixel that depends on the
     /// seed.
-    pub fn region(&self, rig: &Rig) -> Region {
+    pub(crate) fn region(&self, rig: &Rig) -> Region {
         let front = self.place
             - Vector3::new(
                 0.0,
@@ -232,7 +232,7 @@ impl Scene {
     }
 
     /// Both pictures as pyramids of five levels, computed where the body is and grey elsewhere.
-    pub fn pair(&self, rig: &Rig, sensor: &Sensor) -> Pair {
+    pub(crate) fn pair(&self, rig: &Rig, sensor: &Sensor) -> Pair {
         let pictures = [0, 1].map(|eye| {
             let (gain, offset) = if eye == 0 {
                 (1.0, 0.0)

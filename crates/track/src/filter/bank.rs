@@ -12,7 +12,7 @@ use super::observation::Expected;
 
 /// Longest single step of prediction, s: longer ones are cut into equal parts, so that the mixing between the
 /// models goes on while nothing is measured.
-const STEP_S: f64 = 0.1;
+pub(super) const STEP_S: f64 = 0.1;
 
 /// No model's probability falls below this, so that each can come back.
 const LEAST_PROBABILITY: f64 = 1e-4;
@@ -33,7 +33,7 @@ pub(crate) struct Bank {
     pub(crate) time_s: f64,
     pub(crate) beliefs: [Belief; MODELS],
     pub(crate) probabilities: [f64; MODELS],
-    /// Whether a position had to be moved in front of the rig.
+    /// Whether a position had to be moved in front of the rig since the last measurement.
     pub(crate) clamped: bool,
 }
 
@@ -50,14 +50,15 @@ impl Bank {
     /// The bank at a later time, by as many equal steps of at most [`STEP_S`] as it takes.
     pub(crate) fn propagated(&self, settings: &FilterSettings, to_s: f64) -> Bank {
         let span = to_s - self.time_s;
-        let count = (span / STEP_S).ceil().max(1.0) as usize;
+        // Rounding must not make one step more of ten.
+        let count = (span / STEP_S - 1e-6).ceil().max(1.0) as usize;
         let dt = span / count as f64;
         let chain = switching(&settings.switching_per_s, dt);
         let steps: [Step; MODELS] = std::array::from_fn(|m| settings.models[m].step(dt));
         let mut bank = self.clone();
+        bank.clamped = false;
         for _ in 0..count {
             bank.mix(&chain);
-            bank.clamped = false;
             for (belief, step) in bank.beliefs.iter_mut().zip(&steps) {
                 belief.mean = step.transition * belief.mean;
                 let p = step.transition * belief.covariance * step.transition.transpose();

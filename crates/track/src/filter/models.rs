@@ -90,10 +90,10 @@ impl MotionModel {
         };
         for row in 0..3 {
             for column in 0..3 {
-                for axis in 0..3 {
+                for (axis, variance) in variance.iter().enumerate() {
                     let at = (3 * row + axis, 3 * column + axis);
                     step.transition[at] = phi[(row, column)];
-                    step.noise[at] = q[(row, column)] * variance[axis];
+                    step.noise[at] = q[(row, column)] * variance;
                 }
             }
         }

@@ -1,6 +1,8 @@
 //! What the filter is told: a target seen at a time, in the space where the noise is constant.
 
-use nalgebra::{Isometry3, Matrix2, Matrix3, Point3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{
+    Const, DimMin, Isometry3, Matrix2, Matrix3, Point3, SMatrix, SVector, Vector2, Vector3,
+};
 
 use super::models::State;
 
@@ -47,6 +49,12 @@ pub enum Sight {
 /// Nearest depth in front of a head at which directions are still linearised, metres.
 const NEAREST_M: f64 = 0.05;
 
+/// Beyond this a number of a measurement is a mistake (metres, or rise over run).
+const LARGEST: f64 = 1e6;
+
+/// Below this a variance is a mistake: a ten-thousandth of a pixel, a tenth of a micrometre.
+const LEAST_VARIANCE: f64 = 1e-14;
+
 impl Sight {
     /// Components of the measurement: 3, or 2 for a direction alone.
     pub fn degrees(&self) -> usize {
@@ -58,47 +66,21 @@ impl Sight {
 
     /// Why this cannot be used, in words; `None` when it can.
     pub(crate) fn fault(&self) -> Option<&'static str> {
-        let pose_ok = |p: &Isometry3<f64>| {
-            p.translation.vector.iter().all(|x| x.is_finite())
-                && p.rotation.coords.iter().all(|x| x.is_finite())
-        };
         match self {
             Sight::Stereo {
                 base_from_head,
                 value,
                 covariance,
-            } => {
-                if !pose_ok(base_from_head) {
-                    Some("the head's pose is not finite")
-                } else if !value.iter().all(|x| x.is_finite()) {
-                    Some("the measured value is not finite")
-                } else {
-                    covariance_fault(covariance, covariance.cholesky().is_some())
-                }
-            }
+            } => pose_fault(base_from_head).or_else(|| numbers_fault(value, covariance)),
             Sight::Direction {
                 base_from_head,
                 value,
                 covariance,
-            } => {
-                if !pose_ok(base_from_head) {
-                    Some("the head's pose is not finite")
-                } else if !value.iter().all(|x| x.is_finite()) {
-                    Some("the measured value is not finite")
-                } else {
-                    covariance_fault(covariance, covariance.cholesky().is_some())
-                }
-            }
+            } => pose_fault(base_from_head).or_else(|| numbers_fault(value, covariance)),
             Sight::Position {
                 position_in_base,
                 covariance,
-            } => {
-                if !position_in_base.iter().all(|x| x.is_finite()) {
-                    Some("the measured value is not finite")
-                } else {
-                    covariance_fault(covariance, covariance.cholesky().is_some())
-                }
-            }
+            } => numbers_fault(&position_in_base.coords, covariance),
         }
     }
 
@@ -142,17 +124,30 @@ impl Sight {
     }
 }
 
-fn covariance_fault<const N: usize>(
+fn pose_fault(pose: &Isometry3<f64>) -> Option<&'static str> {
+    let small = |x: &f64| x.abs() <= LARGEST;
+    let finite = pose.translation.vector.iter().all(small)
+        && pose.rotation.coords.iter().all(|x| x.is_finite());
+    (!finite).then_some("the head's pose is not finite, or beyond 1e6 m")
+}
+
+fn numbers_fault<const N: usize>(
+    value: &SVector<f64, N>,
     covariance: &SMatrix<f64, N, N>,
-    positive_definite: bool,
-) -> Option<&'static str> {
-    let size = covariance.amax();
-    if !covariance.iter().all(|x| x.is_finite()) {
-        Some("the measurement's covariance is not finite")
-    } else if (covariance - covariance.transpose()).amax() > 1e-9 * size {
+) -> Option<&'static str>
+where
+    Const<N>: DimMin<Const<N>, Output = Const<N>>,
+{
+    let variances = covariance.diagonal();
+    let small = |x: &f64| x.abs() <= LARGEST;
+    if !value.iter().all(small) {
+        Some("the measured value is not finite, or beyond 1e6")
+    } else if !covariance.iter().all(small) {
+        Some("the measurement's covariance is not finite, or beyond 1e6")
+    } else if (covariance - covariance.transpose()).amax() > 1e-9 * covariance.amax() {
         Some("the measurement's covariance is not symmetric")
-    } else if !positive_definite {
-        Some("the measurement's covariance is not positive definite")
+    } else if !variances.iter().all(|&v| v >= LEAST_VARIANCE) || covariance.cholesky().is_none() {
+        Some("the measurement's covariance is not positive definite, or below 1e-14")
     } else {
         None
     }

@@ -27,6 +27,12 @@ pub(super) const PSR_CHANCE: f64 = 3.5;
 /// Strangeness of the appearance up to which a person may be the target; about 1 is usual for the target.
 pub(super) const STRANGE: f64 = 4.0;
 
+/// How far from its height above the floor the chest is believed when it is seen again, metres.
+pub(super) const HEIGHT_M: f64 = 0.2;
+
+/// Windows on the torso whose distance is looked at: metres to the right of the anchor, share of the torso's width.
+const TORSO_WINDOWS: [(f64, f64); 4] = [(0.0, 1.0), (0.0, 0.45), (-0.08, 0.45), (0.08, 0.45)];
+
 /// Share of frames with a range above which a frame without one is odd.
 pub(super) const RANGEABLE: f64 = 0.6;
 
@@ -177,10 +183,19 @@ impl Follower {
         let px = 1.0
             / (seen.left.camera.intrinsics.fx * (right.lens() - seen.left.lens()).norm().max(1e-3));
         let between = ((0.3 * z).max(SWEEP_M.0), (3.0 * z).min(SWEEP_M.1));
-        let tolerance = 3.0 * expected.sigma_inverse_m + 0.3 * at * at + 0.7 * px;
+        // Half the depth of a body as it is seen: a torso, or head, back and legs from above.
+        let thick_m = match self.settings.posture {
+            Posture::Upright => 0.3,
+            Posture::Any => 0.35,
+        };
+        let tolerance = 3.0 * expected.sigma_inverse_m + thick_m * at * at + 0.7 * px;
         let (mut nearer, mut farther, mut good) = (0, 0, 0);
-        let mut whole = None;
-        for (side, width) in [(0.0, 1.0), (-0.08, 0.45), (0.08, 0.45)] {
+        let mut whole: Option<Range> = None;
+        for (side, width) in TORSO_WINDOWS {
+            // Seen from the side a torso is narrow; its middle stands in when the whole window has no clear distance.
+            if side == 0.0 && whole.is_some() {
+                continue;
+            }
             let torso = torso_patch(found.ray, z, side, width);
             let Some(range) = self.sweep.range(&seen.left, right, &torso, between) else {
                 continue;
@@ -196,7 +211,7 @@ impl Follower {
                     .is_some_and(|s| s > range.score - 0.06);
             if fits {
                 good += 1;
-                if width == 1.0 && off.abs() <= tolerance {
+                if side == 0.0 && off.abs() <= tolerance {
                     whole = Some(range);
                 }
             } else if off > 0.0 {
@@ -232,7 +247,9 @@ impl Follower {
             let ray = (facet.at(f64::from(k) * 0.35, 0.0) - lens).normalize();
             let trial = self.match_at(seen, expected, &ray, 0.25, PSR_FAIR);
             let trial = trial.and_then(|m| {
-                if self.strangeness(seen, &m.ray, m.distance_m) < STRANGE {
+                if self.at_target_height(&seen.left, &m)
+                    && self.strangeness(seen, &m.ray, m.distance_m) < STRANGE
+                {
                     Ok(m)
                 } else {
                     Err(Reason::PoorMatch)
@@ -262,12 +279,13 @@ impl Follower {
         let lens = seen.left.lens();
         let mut best: Option<(f64, Match)> = None;
         for mover in movers {
+            let mover = &self.at_chest_height(&seen.left, mover);
             let mut near = Expected {
                 ray: mover.ray,
                 pixel: mover.anchor_px,
                 distance_m: mover.distance_m,
                 sigma_m: 0.3,
-                sigma_inverse_m: 0.05 / mover.distance_m + 0.02,
+                sigma_inverse_m: 0.02 / mover.distance_m + 0.008,
             };
             let mut sure_place = false;
             if let (Some(e), FollowState::Occluded) = (expected, self.state) {
@@ -299,6 +317,7 @@ impl Follower {
             };
             if let Some(found) = found
                 && strange < STRANGE
+                && self.at_target_height(&seen.left, &found)
                 && best.is_none_or(|(s, _)| strange < s)
             {
                 best = Some((strange, found));
@@ -309,12 +328,38 @@ impl Follower {
         best.map(|(_, found)| found)
     }
 
+    /// The mover with its anchor at the height at which the target's chest was: of a person who comes out from behind
+    /// something, an arm or a leg may be all that moves yet.
+    fn at_chest_height(&self, view: &EyeView, mover: &Mover) -> Mover {
+        let mut moved = *mover;
+        let lens = view.lens();
+        if let Some(belief) = &self.belief {
+            let below_m = belief.below_m(&lens, &mover.ray, mover.distance_m);
+            let chest = lens + mover.ray * mover.distance_m - Vector3::y() * below_m;
+            if below_m != 0.0
+                && let Some(pixel) = view.project(&chest)
+            {
+                moved.anchor_px = pixel;
+                moved.ray = (chest - lens).normalize();
+            }
+        }
+        moved
+    }
+
+    /// Whether a match is about as high above the floor as the target was.
+    fn at_target_height(&self, view: &EyeView, found: &Match) -> bool {
+        self.belief
+            .as_ref()
+            .is_none_or(|b| b.below_m(&view.lens(), &found.ray, found.distance_m).abs() < HEIGHT_M)
+    }
+
     /// A person that moves where the target must be, at its distance, but shows another side: the target has turned.
     /// Its looks are learned anew, unless they are too strange altogether.
     pub(super) fn turned(&mut self, seen: &Observation, mover: &Mover) -> Option<Match> {
         let mut mover = *mover;
         let distance_m = mover.distance_m;
         self.centre_on_outline(seen, &mut mover, distance_m);
+        let mover = self.at_chest_height(&seen.left, &mover);
         let right = seen.right.as_ref()?;
         let torso = torso_patch(mover.ray, distance_m, 0.0, 1.0);
         let range = self

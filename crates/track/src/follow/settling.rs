@@ -27,7 +27,12 @@ impl Follower {
         if clean {
             self.recentre(seen, &mut found, dt);
         }
-        let measured = found.range.map(|r| (r.distance_m, r.sigma_inverse_m));
+        // A patch that is partly something nearer has a distance in between.
+        let whole = !found.covered && noted < 0.25;
+        let measured = found
+            .range
+            .filter(|_| whole)
+            .map(|r| (r.distance_m, r.sigma_inverse_m));
         if let Some(belief) = &mut self.belief {
             belief.update(&lens, &found.ray, found.distance_m, measured, seen.time_s);
             found.distance_m = belief.distance_from(&lens);
@@ -57,10 +62,7 @@ impl Follower {
         let full = f64::from(1_u32 << self.motion.level());
         let map = self.motion.map().map(|m| (m, full));
         let (dx, dy) = if self.settings.posture == Posture::Upright {
-            let Some(outline) =
-                self.outlines
-                    .find(seen, &patch, found.distance_m, self.drop_m, map)
-            else {
+            let Some(outline) = self.outlines.find(seen, &patch, found.distance_m, map) else {
                 return;
             };
             self.correction(&outline, dt)
@@ -109,13 +111,7 @@ impl Follower {
         let trust = |clear: f64| ((clear - 0.15) / 0.35).clamp(0.0, 1.0);
         let limit = 0.02;
         let dx = gain * trust(outline.middle_clear) * outline.middle_m;
-        let off = outline.top_m + self.drop_m;
-        // A step far from where the head can be is something else.
-        let dy = if off.abs() < 0.25 {
-            gain * trust(outline.top_clear) * off
-        } else {
-            0.0
-        };
+        let dy = gain * trust(outline.chest_clear) * outline.chest_m;
         (dx.clamp(-limit, limit), dy.clamp(-limit, limit))
     }
 
@@ -131,20 +127,16 @@ impl Follower {
         for _ in 0..2 {
             let patch = torso_patch(mover.ray, distance_m, 0.0, 1.0);
             let map = self.motion.map().map(|m| (m, full));
-            let Some(outline) = self
-                .outlines
-                .find(seen, &patch, distance_m, self.drop_m, map)
-            else {
+            let Some(outline) = self.outlines.find(seen, &patch, distance_m, map) else {
                 return;
             };
-            let off = outline.top_m + self.drop_m;
             let dx = if outline.middle_clear > 0.2 {
                 outline.middle_m
             } else {
                 0.0
             };
-            let dy = if outline.top_clear > 0.2 && off.abs() < 0.25 {
-                off
+            let dy = if outline.chest_clear > 0.2 {
+                outline.chest_m
             } else {
                 0.0
             };

@@ -11,6 +11,9 @@ use crate::figure::map::{Atlas, Map};
 /// Values that get a contour line, pixels, both signs; the first get their label first.
 const LEVELS: [f64; 7] = [20.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.2];
 
+/// Vertical parallax in pixels at a column and row.
+type Parallax = Box<dyn Fn(f64, f64) -> f64>;
+
 /// Maps of q over the picture for walls at the convergence distance.
 pub(super) fn draw(question: &Question) -> anyhow::Result<Figure> {
     let setup = question.setup;
@@ -18,7 +21,7 @@ pub(super) fn draw(question: &Question) -> anyhow::Result<Figure> {
     let focal = setup.array.focal_m;
     let (w, h) = (sensor.width_px as f64, sensor.height_px as f64);
     let to_px = 1.0 / (setup.screen.magnification * sensor.pitch_y_m());
-    let mut functions: Vec<(String, Box<dyn Fn(f64, f64) -> f64>)> = Vec::new();
+    let mut functions: Vec<(String, Parallax)> = Vec::new();
     let mut extreme: f64 = 0.0;
     for l in panel_distances(question) {
         let p = parallax(&setup, ModeKind::Converged, l)?;
