@@ -9,7 +9,7 @@ use vergence_track::filter::{TargetEstimate, TargetFilter};
 const FRESH_S: f64 = 0.08;
 
 /// A person who is out of sight goes on for about this long before stopping or turning becomes as likely, s.
-const PERSISTENCE_S: f64 = 1.2;
+const PERSISTENCE_S: f64 = 2.0;
 
 /// Fastest that a target is believed to move, m/s: a slow run. Estimates beyond it come from false sightings.
 const FASTEST_M_S: f64 = 2.5;

@@ -9,7 +9,7 @@ use vergence_imaging::colour::luma_from_rgb_into;
 use vergence_imaging::pyramid::Pyramid;
 use vergence_stereo::measure::{self, MatchSettings, Matcher, Region};
 use vergence_track::filter::{
-    FilterSettings, Observation, Sight, TargetEstimate, TargetFilter, Update,
+    FilterSettings, Observation, Sight, TargetEstimate, TargetFilter, Update, Verdict,
 };
 use vergence_track::{
     EyeView, FollowSettings, FollowState, Follower, PixelBox, Prior, RangeNote, Report, Sighting,
@@ -73,7 +73,7 @@ impl Servo {
     pub fn new(
         info: &SourceInfo,
         rigging: Rigging,
-        settings: ServoSettings,
+        settings: &ServoSettings,
     ) -> Result<Self, ServoError> {
         match (&rigging, &info.fixed_base_from_cam) {
             (Rigging::Motors(_), Some(_)) => {
@@ -328,13 +328,21 @@ impl Servo {
             Some(measurement) => measurement.sight,
             None => self.direction(stance, sighting)?,
         };
-        let update = self
-            .filter
-            .observe(&Observation {
-                time_s: capture_s,
-                sight,
-            })
-            .ok()?;
+        let seen = Observation {
+            time_s: capture_s,
+            sight,
+        };
+        let hidden = self
+            .expectation
+            .at(&self.filter, capture_s)
+            .is_some_and(|e| e.unseen_s > IN_SIGHT_S);
+        let mut update = self.filter.observe(&seen).ok()?;
+        if hidden && measured.is_some() && update.verdict == Verdict::Rejected {
+            // It was hidden, and is where a walker can be: the filter's own idea of where it went is the older one.
+            self.filter.reset();
+            self.expectation.reset();
+            update = self.filter.observe(&seen).ok()?;
+        }
         if self.filter.last_used_s() == Some(capture_s)
             && let Ok(estimate) = self.filter.predict(capture_s)
         {

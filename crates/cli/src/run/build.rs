@@ -101,7 +101,7 @@ fn twin(
     let servo = Servo::new(
         feed.info(),
         Rigging::Motors(Box::new(motors)),
-        ServoSettings {
+        &ServoSettings {
             target,
             ..ServoSettings::default()
         },
@@ -179,7 +179,7 @@ fn files(args: &RunArgs, target: Option<PixelBox>) -> anyhow::Result<(Feed, Serv
     let servo = Servo::new(
         feed.info(),
         Rigging::Fixed(poses),
-        ServoSettings {
+        &ServoSettings {
             target,
             follow: FollowSettings {
                 posture: Posture::Any,

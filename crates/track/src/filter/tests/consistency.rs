@@ -218,7 +218,7 @@ fn print_figures(title: &str, all: &[PhaseFigures; 6]) {
     }
 }
 
-/// People who do not move by any of the models: in every moving phase the mean NEES and NIS of 100 runs lie inside
+/// People who do not move by any of the models, from seeds that had no part in choosing the defaults: in every moving phase the mean NEES and NIS of 100 runs lie inside
 /// the 95 % bounds of 100 independent samples. Standing, the filter is cautious (it must expect a start at any moment): there
 /// only the upper bound holds. Of the measurements, one in a thousand is rejected by design; at most three are.
 #[test]
