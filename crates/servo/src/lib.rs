@@ -11,6 +11,7 @@ pub mod rigging;
 pub mod servo;
 pub mod stages;
 pub mod step;
+mod wide;
 
 pub use error::ServoError;
 pub use prior::disparity_of_point;

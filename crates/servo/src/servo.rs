@@ -13,7 +13,7 @@ use vergence_track::filter::{
 };
 use vergence_track::{
     EyeView, FollowSettings, FollowState, Follower, PixelBox, Prior, RangeNote, Report, Sighting,
-    SightingKind,
+    SightingKind, TwoViewSettings, TwoViewTracker,
 };
 
 use crate::error::ServoError;
@@ -22,6 +22,7 @@ use crate::prior::prior_from_estimate;
 use crate::rigging::{Rigging, Stance};
 use crate::stages::{Stage, StageTimes};
 use crate::step::{Measured, Step};
+use crate::wide::{is_wide, look};
 
 /// Levels of the pyramids: 64 x 48 pixels at the top of 1024 x 768.
 const LEVELS: usize = 5;
@@ -60,6 +61,9 @@ pub struct Servo {
     relief_m: f64,
     filter: TargetFilter,
     expectation: Expectation,
+    /// Set when the cameras stand too wide for patches of one to be found in the other.
+    wide: Option<TwoViewTracker>,
+    wide_state: FollowState,
 }
 
 /// Grey picture and pyramid of one eye, kept between steps.
@@ -92,14 +96,32 @@ impl Servo {
             Some(target) => Follower::with_target(settings.follow, target),
             None => Follower::new(settings.follow),
         };
+        let wide = match &rigging {
+            Rigging::Fixed(poses) if is_wide(poses) => {
+                if settings.target.is_some() {
+                    return Err(ServoError::Rigging(
+                        "a target's box in the left picture cannot be carried over to a right picture taken from so far aside",
+                    ));
+                }
+                Some(TwoViewTracker::new(TwoViewSettings::default()))
+            }
+            _ => None,
+        };
+        let mut filter = settings.filter.clone();
+        if wide.is_some() {
+            // A room's frame: nothing forbids a target beside or behind the line between the cameras.
+            filter.nearest_z_m = None;
+        }
         Ok(Self {
+            wide,
+            wide_state: FollowState::Searching,
             cameras: info.cameras,
             rigging,
             pictures: info.cameras.map(|c| Pictures::of(&c)),
             follower,
             relief_m: settings.matching.relief_m,
             matcher: Matcher::new(settings.matching),
-            filter: TargetFilter::new(settings.filter)?,
+            filter: TargetFilter::new(filter)?,
             expectation: Expectation::default(),
         })
     }
@@ -113,6 +135,9 @@ impl Servo {
         let stance = self.rigging.stance_at(pair)?;
         let capture_s = pair.capture_s();
 
+        if self.wide.is_some() {
+            return self.step_wide(pair, &stance, now_s, times);
+        }
         let mut report = times.timed(Stage::Track, || self.follow(&stance, capture_s))?;
         let measured = times.timed(Stage::Measure, || {
             let sighting = report.sighting?;
@@ -157,6 +182,69 @@ impl Servo {
             control,
             times,
         })
+    }
+
+    /// The same for two cameras far apart, which stand still.
+    fn step_wide(
+        &mut self,
+        pair: &StereoFrame,
+        stance: &Stance,
+        now_s: f64,
+        mut times: StageTimes,
+    ) -> Result<Step, ServoError> {
+        let capture_s = pair.capture_s();
+        let views = Eye::BOTH.map(|eye| view(&self.pictures, &self.cameras, stance, eye));
+        let Some(tracker) = &mut self.wide else {
+            return Err(ServoError::Rigging("no tracker for cameras far apart"));
+        };
+        let before = self.wide_state;
+        let sight = times.timed(Stage::Track, || {
+            look(tracker, views, &self.cameras, pair, before)
+        })?;
+        self.wide_state = sight.state;
+        let (update, estimate, aim) = times.timed(Stage::Control, || {
+            if sight
+                .sighting
+                .is_some_and(|s| s.kind == SightingKind::Found)
+            {
+                self.filter.reset();
+                self.expectation.reset();
+            }
+            let update = sight
+                .observation
+                .and_then(|seen| self.filter.observe(&seen).ok());
+            self.remember(capture_s);
+            let at = |t| self.expectation.at(&self.filter, t);
+            (update, at(capture_s), at(now_s))
+        });
+        Ok(Step {
+            index: pair.index,
+            capture_s,
+            arrival_s: pair.arrival_s(),
+            command_s: now_s,
+            angles: stance.angles,
+            base_from_cam: stance.base_from_cam,
+            state: sight.state,
+            reason: sight.reason,
+            sighting: sight.sighting,
+            expected: None,
+            measured: sight.measured,
+            update,
+            estimate,
+            aim,
+            control: None,
+            mode_change: None,
+            times,
+        })
+    }
+
+    /// Note where the target was, when the filter took a measurement of this moment.
+    fn remember(&mut self, capture_s: f64) {
+        if self.filter.last_used_s() == Some(capture_s)
+            && let Ok(estimate) = self.filter.predict(capture_s)
+        {
+            self.expectation.note(capture_s, estimate.position_in_base);
+        }
     }
 
     /// The cameras, left and right.
@@ -343,11 +431,7 @@ impl Servo {
             self.expectation.reset();
             update = self.filter.observe(&seen).ok()?;
         }
-        if self.filter.last_used_s() == Some(capture_s)
-            && let Ok(estimate) = self.filter.predict(capture_s)
-        {
-            self.expectation.note(capture_s, estimate.position_in_base);
-        }
+        self.remember(capture_s);
         Some(update)
     }
 

@@ -108,14 +108,14 @@ fn over_rigs(shape: Shape, z: f64, seeds: u64) -> Errors {
 
 #[test]
 fn a_torso_from_two_to_ten_metres() {
-    for (z, seeds) in [(2.0, 1), (3.0, 2), (6.0, 4), (10.0, 6)] {
+    for (z, seeds) in [(2.0, 1), (3.0, 2), (6.0, 3), (10.0, 5)] {
         over_rigs(Shape::Torso, z, seeds).judged(&format!("torso at {z} m"));
     }
 }
 
 #[test]
-fn a_slanted_board_from_two_to_ten_metres() {
-    for (z, seeds) in [(2.0, 1), (3.0, 2), (6.0, 4), (10.0, 6)] {
+fn a_slanted_board_at_three_and_ten_metres() {
+    for (z, seeds) in [(3.0, 2), (10.0, 5)] {
         over_rigs(Shape::Board(25.0 * DEGREE), z, seeds).judged(&format!("board at {z} m"));
     }
 }

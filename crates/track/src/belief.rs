@@ -32,6 +32,7 @@ pub(crate) struct Expected {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Belief {
     point: Point3<f64>,
+    lens: Point3<f64>,
     velocity: Vector3<f64>,
     time_s: f64,
     age_s: f64,
@@ -56,6 +57,7 @@ impl Belief {
     ) -> Self {
         Self {
             upright,
+            lens: *lens,
             usual_y: lens.y + ray.y * distance_m,
             point: lens + ray * distance_m,
             velocity,
@@ -144,14 +146,15 @@ impl Belief {
         Some(expected)
     }
 
-    /// A distance from elsewhere, with its standard deviation.
+    /// A distance from the lens of the last update, from elsewhere, with its standard deviation.
     pub(crate) fn refine_distance(&mut self, distance_m: f64, sigma_m: f64) {
-        let own = self.point.coords.norm();
+        let from_lens = self.point - self.lens;
+        let own = from_lens.norm();
         // Weight against our own smoothed coarse stereo, which is good to about a hundredth in inverse metres.
         let own_sigma = 0.01 * own * own;
         let share = own_sigma * own_sigma / (own_sigma * own_sigma + sigma_m * sigma_m);
         let inverse = (1.0 - share) / own + share / distance_m;
-        self.point = Point3::from(self.point.coords * (1.0 / inverse / own));
+        self.point = self.lens + from_lens * (1.0 / inverse / own);
         self.measured = true;
     }
 
@@ -166,6 +169,7 @@ impl Belief {
         time_s: f64,
     ) {
         let dt = (time_s - self.time_s).max(1e-3);
+        self.lens = *lens;
         let before = self.point;
         let predicted = self.at(time_s);
         let expected_m = (predicted - lens).norm().max(0.3);

@@ -218,9 +218,10 @@ fn print_figures(title: &str, all: &[PhaseFigures; 6]) {
     }
 }
 
-/// People who do not move by any of the models, from seeds that had no part in choosing the defaults: in every moving phase the mean NEES and NIS of 100 runs lie inside
-/// the 95 % bounds of 100 independent samples. Standing, the filter is cautious (it must expect a start at any moment): there
-/// only the upper bound holds. Of the measurements, one in a thousand is rejected by design; at most three are.
+/// People who do not move by any of the models, from seeds that had no part in choosing the defaults: in every
+/// moving phase the mean NEES and NIS of 100 runs lie inside the 95 % bounds of 100 independent samples. Standing, the
+/// filter is cautious (it must expect a start at any moment): there only the upper bound holds. Of the measurements, one
+/// in a thousand is rejected by design; at most three are.
 #[test]
 fn every_phase_of_a_walk_is_consistent_on_average() {
     let (nees, nis) = (mean_bounds(RUNS, 6, 0.95), mean_bounds(RUNS, 3, 0.95));
