@@ -150,7 +150,6 @@ impl Servo {
             }
             report.sighting = None;
             report.state = FollowState::Occluded;
-            self.doubt(&stance, capture_s);
             None
         });
         let (update, estimate, aim, control) = times.timed(Stage::Control, || {
@@ -296,6 +295,7 @@ impl Servo {
         Ok(self.follower.step(&seen, prior.as_ref())?)
     }
 
+    /// Where the filter expects the target in the left picture.
     fn prior(&self, stance: &Stance, capture_s: f64) -> Option<Prior> {
         let estimate = self.expectation.at(&self.filter, capture_s)?;
         prior_from_estimate(&estimate, &self.cameras[0], &stance.base_from_cam[0])
@@ -387,17 +387,6 @@ impl Servo {
             };
             within(0, along.abs()) && within(1, across)
         })
-    }
-
-    /// Tell the follower that what it has seen is not the target: something else stands where the target is expected.
-    fn doubt(&mut self, stance: &Stance, capture_s: f64) {
-        if let Some(prior) = self.prior(stance, capture_s) {
-            self.follower.note_range(RangeNote {
-                distance_m: prior.distance_m,
-                sigma_m: prior.distance_sigma_m,
-                nearer_fraction: 1.0,
-            });
-        }
     }
 
     /// Give the filter what was seen: with range where there is one, the direction alone elsewhere.

@@ -23,6 +23,8 @@ pub(crate) struct Row {
     pub(crate) setpoint_rad: Option<[f64; 4]>,
     /// Electronic shift of the left and right picture, pixels, + moves the picture right.
     pub(crate) shift_px: [f64; 2],
+    /// How much of the target's parallax the mode takes away at the capture, 0 to 1: between them while a mode changes.
+    pub(crate) nulled: f64,
     /// Where a lens would be focused, metres.
     pub(crate) focus_m: Option<f64>,
     /// Parallax of the target on the screen as shown (electronic shift included), by truth where there is one and by the
@@ -73,7 +75,7 @@ x_m,y_m,z_m,distance_m,vx_m_s,vy_m_s,vz_m_s,range_sigma_m,nis,\
 anchor_u_px,anchor_v_px,confidence,disparity_px,disparity_sigma_px,\
 pan_deg,tilt_deg,left_deg,right_deg,vergence_deg,\
 pan_set_deg,tilt_set_deg,left_set_deg,right_set_deg,\
-shift_left_px,shift_right_px,focus_m,parallax_mm,parallax_arcmin";
+shift_left_px,shift_right_px,nulled,focus_m,parallax_mm,parallax_arcmin";
 
 impl Row {
     /// Distance of the target's reference point from the base, by truth.
@@ -115,6 +117,7 @@ impl Row {
         }
         cells.number(Some(self.shift_px[0]), 3);
         cells.number(Some(self.shift_px[1]), 3);
+        cells.number(Some(self.nulled), 3);
         cells.number(self.focus_m, 4);
         cells.number(self.parallax_m.map(|p| p * 1e3), 4);
         cells.number(self.parallax_arcmin, 3);

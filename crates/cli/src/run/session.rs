@@ -225,6 +225,7 @@ fn row_from_step(feed: &Feed, step: &Step, plan: &Plan) -> Row {
         counter_rad: step.angles.to_array(),
         setpoint_rad: control.and_then(|c| setpoints(&c.commands)),
         shift_px,
+        nulled: control.map_or(1.0, |c| c.nulling.nulled),
         focus_m: control.and_then(|c| c.focus_m),
         parallax_m,
         parallax_arcmin: parallax_m.map(|p| arcmin_from_parallax(p, &plan.viewer)),

@@ -11,6 +11,9 @@ use super::statistics::{Quantiles, Spread, rms};
 /// half of a person's width and a bit.
 const ON_TARGET_M: f64 = 0.35;
 
+/// From this share on parallax counts as taken away: a change of mode is over.
+const WHOLLY: f64 = 0.9999;
+
 /// Time after the target was found from which errors count, s.
 const SETTLING_S: f64 = 1.0;
 
@@ -165,10 +168,10 @@ fn visible(rows: &[&Row], value: impl Fn(&Row) -> Option<f64>) -> Vec<f64> {
         .collect()
 }
 
-/// The disparity of the reference point in the frames in which zero parallax was asked for.
+/// The disparity of the reference point in the frames in which zero parallax was asked for, changes of mode over.
 fn converging(rows: &[&Row]) -> Vec<f64> {
     visible(rows, |r| {
-        let truth = r.truth?;
+        let truth = r.truth.filter(|_| r.nulled > WHOLLY)?;
         match r.mode.as_str() {
             "converged" => truth.disparity_px,
             "shifted" => truth.shown_disparity_px,
@@ -284,6 +287,7 @@ mod tests {
             index: i,
             capture_s: i as f64 * 0.1,
             mode: "converged".to_owned(),
+            nulled: 1.0,
             truth: Some(Truth {
                 target_in_base: [0.0, 0.0, z],
                 occluded,
