@@ -1,6 +1,6 @@
 //! `vergence`: plans, runs and grades stereo camera arrays.
 //!
-//! `main` turns what a command returned into an exit code; [`run`] chooses the command. Data goes to stdout, talk to
+//! `main` turns what a command returned into an exit code; [`run()`] chooses the command. Data goes to stdout, talk to
 //! stderr; 0 is success, 1 a failure, 2 a call that cannot be answered as it was typed.
 
 mod args;

@@ -2,6 +2,9 @@
 //! that a run holds its target, repeats itself bit for bit, refuses bad input with one sentence, and leaves nothing half-written. How
 //! well it holds the target over whole paths and many seeds is measured outside the tests (docs/performance.md).
 
+// Helper functions outside `#[test]` fail the test as the tests themselves do.
+#![allow(clippy::unwrap_used)]
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

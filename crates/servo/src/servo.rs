@@ -107,7 +107,7 @@ impl Servo {
             }
             _ => None,
         };
-        let mut filter = settings.filter.clone();
+        let mut filter = settings.filter;
         if wide.is_some() {
             // A room's frame: nothing forbids a target beside or behind the line between the cameras.
             filter.nearest_z_m = None;
