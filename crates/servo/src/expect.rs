@@ -5,6 +5,8 @@ use std::collections::VecDeque;
 use nalgebra::{Point3, Vector3};
 use vergence_track::filter::{TargetEstimate, TargetFilter};
 
+use crate::claims::line;
+
 /// Latency that is simply predicted over, s: up to here the filter's own prediction stands.
 const FRESH_S: f64 = 0.08;
 
@@ -13,6 +15,9 @@ const PERSISTENCE_S: f64 = 2.0;
 
 /// Fastest that a target is believed to move, m/s: a slow run. Estimates beyond it come from false sightings.
 const FASTEST_M_S: f64 = 2.5;
+
+/// Fastest that it is believed to go on out of sight, m/s: a brisk walk. The last sightings beside what hides it are the worst ones.
+const FASTEST_HIDDEN_M_S: f64 = 1.5;
 
 /// Length of the trail from which the steady velocity is taken, s: about one step of a walker, so that the sway within a
 /// step averages out.
@@ -54,13 +59,13 @@ impl Expectation {
         let mut estimate = filter.predict(at_s).ok()?;
         let beyond_s = estimate.unseen_s - FRESH_S;
         if beyond_s <= 0.0 {
-            estimate.velocity_in_base = limited(&estimate.velocity_in_base);
+            estimate.velocity_in_base = limited(&estimate.velocity_in_base, FASTEST_M_S);
             return Some(estimate);
         }
         let last_s = filter.last_used_s()?;
         let last = filter.predict(last_s).ok()?;
-        let start = last.position_in_base + limited(&last.velocity_in_base) * FRESH_S;
-        let velocity = limited(&self.steady_velocity());
+        let start = last.position_in_base + limited(&last.velocity_in_base, FASTEST_M_S) * FRESH_S;
+        let velocity = limited(&self.steady_velocity(), FASTEST_HIDDEN_M_S);
         let fading = (-beyond_s / PERSISTENCE_S).exp();
         estimate.position_in_base = start + velocity * (PERSISTENCE_S * (1.0 - fading));
         estimate.velocity_in_base = velocity * fading;
@@ -69,28 +74,20 @@ impl Expectation {
 
     /// Slope of the least-squares line through the trail; zero for a trail of less than a third of its length.
     fn steady_velocity(&self) -> Vector3<f64> {
-        let n = self.trail.len() as f64;
         let (Some(first), Some(last)) = (self.trail.front(), self.trail.back()) else {
             return Vector3::zeros();
         };
         if last.0 - first.0 < TRAIL_S / 3.0 {
             return Vector3::zeros();
         }
-        let mean_s = self.trail.iter().map(|p| p.0).sum::<f64>() / n;
-        let mut slope = Vector3::zeros();
-        let mut weight = 0.0;
-        for (time_s, place) in &self.trail {
-            slope += place.coords * (time_s - mean_s);
-            weight += (time_s - mean_s).powi(2);
-        }
-        slope / weight
+        line(&self.trail).0
     }
 }
 
-fn limited(velocity: &Vector3<f64>) -> Vector3<f64> {
+fn limited(velocity: &Vector3<f64>, most_m_s: f64) -> Vector3<f64> {
     let speed = velocity.norm();
-    if speed > FASTEST_M_S {
-        velocity * (FASTEST_M_S / speed)
+    if speed > most_m_s {
+        velocity * (most_m_s / speed)
     } else {
         *velocity
     }

@@ -4,6 +4,7 @@
 //! synchronous, owns its buffers, reads no clock and draws no random numbers: the same pairs and times give the same
 //! bytes. Wall time of its stages is measured beside it ([`stages`]) and steers nothing.
 
+mod claims;
 pub mod error;
 mod expect;
 mod prior;

@@ -16,6 +16,7 @@ use vergence_track::{
     SightingKind, TwoViewSettings, TwoViewTracker,
 };
 
+use crate::claims::Claims;
 use crate::error::ServoError;
 use crate::expect::Expectation;
 use crate::prior::prior_from_estimate;
@@ -34,9 +35,9 @@ const IN_SIGHT_S: f64 = 0.1;
 /// lie, and across it, where the pictures say well enough who it is ...
 const REFOUND_REACH_M: [f64; 2] = [0.4, 0.5];
 
-/// ... plus this for every second that it was out of sight, m/s: along the line, a brisk walk; across it, a walker
-/// who turned back.
-const REFOUND_SPEED_M_S: [f64; 2] = [1.0, 2.2];
+/// ... plus this for every second that it was out of sight, m/s: along the line, where a walker who kept its pace is off by less than
+/// that; across it, a walker who turned back.
+const REFOUND_SPEED_M_S: [f64; 2] = [0.6, 2.2];
 
 /// Settings of the loop.
 #[derive(Clone, Debug, Default)]
@@ -61,6 +62,10 @@ pub struct Servo {
     relief_m: f64,
     filter: TargetFilter,
     expectation: Expectation,
+    /// What was believed before the target was seen again, while it is on probation.
+    before: Option<(TargetFilter, Expectation)>,
+    /// Sightings that were not believed.
+    claims: Claims,
     /// Set when the cameras stand too wide for patches of one to be found in the other.
     wide: Option<TwoViewTracker>,
     wide_state: FollowState,
@@ -123,6 +128,8 @@ impl Servo {
             matcher: Matcher::new(settings.matching),
             filter: TargetFilter::new(filter)?,
             expectation: Expectation::default(),
+            before: None,
+            claims: Claims::default(),
         })
     }
 
@@ -142,17 +149,21 @@ impl Servo {
         let measured = times.timed(Stage::Measure, || {
             let sighting = report.sighting?;
             let (measured, note) = self.measure(&stance, &sighting, capture_s);
-            if self.is_plausible(&sighting, measured.as_ref(), capture_s) {
+            if self.is_plausible(&sighting, measured.as_ref(), capture_s)
+                || self.is_claimed(measured.as_ref(), capture_s)
+            {
                 if let Some(note) = note {
                     self.follower.note_range(note);
                 }
                 return measured;
             }
+            self.follower.disown();
             report.sighting = None;
             report.state = FollowState::Occluded;
             None
         });
         let (update, estimate, aim, control) = times.timed(Stage::Control, || {
+            self.put_on_probation(report.sighting.as_ref());
             let update = report
                 .sighting
                 .as_ref()
@@ -389,6 +400,30 @@ impl Servo {
         })
     }
 
+    /// Whether sightings that are not where the target was expected go on for so long, and so much like a walker, that the
+    /// expectation must be wrong.
+    fn is_claimed(&mut self, measured: Option<&Measurement>, capture_s: f64) -> bool {
+        measured.is_some_and(|m| self.claims.add(capture_s, m.result.point_in_base))
+    }
+
+    /// A target that was hidden and is seen for a frame or two only was something else: then the filter goes back to
+    /// what it believed before.
+    fn put_on_probation(&mut self, sighting: Option<&Sighting>) {
+        match sighting {
+            None => {
+                if let Some((filter, expectation)) = self.before.take() {
+                    self.filter = filter;
+                    self.expectation = expectation;
+                }
+            }
+            Some(_) if !self.follower.on_probation() => self.before = None,
+            Some(sighting) if sighting.kind == SightingKind::Refound => {
+                self.before = Some((self.filter.clone(), self.expectation.clone()));
+            }
+            Some(_) => {}
+        }
+    }
+
     /// Give the filter what was seen: with range where there is one, the direction alone elsewhere.
     fn believe(
         &mut self,
@@ -415,9 +450,9 @@ impl Servo {
             .is_some_and(|e| e.unseen_s > IN_SIGHT_S);
         let mut update = self.filter.observe(&seen).ok()?;
         if hidden && measured.is_some() && update.verdict == Verdict::Rejected {
-            // It was hidden, and is where a walker can be: the filter's own idea of where it went is the older one.
+            // It was hidden, and is where a walker can be: the filter's own idea of where it went is the older one. The trail stays:
+            // what it says of the pace is all that is left when the target soon hides again.
             self.filter.reset();
-            self.expectation.reset();
             update = self.filter.observe(&seen).ok()?;
         }
         self.remember(capture_s);

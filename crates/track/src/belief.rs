@@ -15,6 +15,8 @@ const HEIGHT_S: f64 = 1.0;
 const MAX_SPEED: f64 = 3.0;
 /// After this long unseen the target is expected to have stopped, s: extrapolation further out is a guess.
 const STOP_S: f64 = 1.5;
+/// How much farther a walker may be from where it was expected for every second out of sight (one deviation), m/s.
+const WALK_SIGMA_M_S: f64 = 0.4;
 
 /// Where to look.
 #[derive(Clone, Copy, Debug)]
@@ -93,6 +95,11 @@ impl Belief {
         }
     }
 
+    /// Unit vector from the lens of the last update to the target.
+    pub(crate) fn seen_along(&self) -> Vector3<f64> {
+        (self.point - self.lens).normalize()
+    }
+
     pub(crate) fn distance_from(&self, lens: &Point3<f64>) -> f64 {
         (self.point - lens).norm()
     }
@@ -126,9 +133,11 @@ impl Belief {
             },
         };
         if let Some(prior) = prior {
+            // Beyond a walker's reach the filter's covariance only says that it has seen nothing.
+            let reach_m = 0.1 + WALK_SIGMA_M_S * unseen_s;
             let variance = prior.covariance_px2.symmetric_eigenvalues().max();
             let metre = view.camera.intrinsics.fx / own_distance;
-            let sigma_m = variance.sqrt() / metre;
+            let sigma_m = (variance.sqrt() / metre).min(reach_m);
             if prior.pixel.iter().all(|c| c.is_finite())
                 && sigma_m < 1.0
                 && let Some(ray) = view.ray(&prior.pixel)
@@ -137,7 +146,7 @@ impl Belief {
                 expected.pixel = prior.pixel;
                 expected.sigma_m = sigma_m.max(0.02);
             }
-            let relative = prior.distance_sigma_m / prior.distance_m;
+            let relative = prior.distance_sigma_m.min(reach_m) / prior.distance_m;
             if prior.distance_m > 0.2 && (0.0..0.3).contains(&relative) {
                 expected.distance_m = prior.distance_m;
                 expected.sigma_inverse_m = (relative / prior.distance_m).max(0.005);

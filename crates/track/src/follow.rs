@@ -14,15 +14,19 @@
 //! the person's outline. The filter does not learn while something nearer covers part of the torso.
 
 mod checks;
+mod doubt;
 mod matching;
 mod settling;
+mod wander;
 
 use nalgebra::{Point2, Vector3};
 use serde::{Deserialize, Serialize};
 
 pub use self::checks::check_box;
 pub(crate) use self::checks::check_view;
+use self::doubt::{Doubt, Undo};
 use self::matching::{Match, PSR_CHANCE, PSR_FAIR, torso_patch};
+use self::wander::Wander;
 use crate::appearance::Appearance;
 use crate::belief::{Belief, Expected};
 use crate::correlation::{Correlator, Peak};
@@ -94,6 +98,10 @@ pub struct Follower {
     window: Vec<f32>,
     mask: Option<Vec<f32>>,
     body: Option<Vec<f32>>,
+    wander: Wander,
+    /// Set while a target that was seen again is on probation.
+    undo: Option<Box<Undo>>,
+    doubt: Option<Doubt>,
 }
 
 impl Follower {
@@ -123,6 +131,9 @@ impl Follower {
             window: Vec::new(),
             mask: None,
             body: None,
+            wander: Wander::default(),
+            undo: None,
+            doubt: None,
         }
     }
 
@@ -160,6 +171,38 @@ impl Follower {
                 belief.refine_distance(note.distance_m, note.sigma_m);
             }
             self.note = Some(note);
+        }
+    }
+
+    /// Whether the target was seen again so shortly ago that it may be taken back: when it is lost once more during probation,
+    /// it was not the target, and all that was learned from it is forgotten.
+    pub fn on_probation(&self) -> bool {
+        self.undo.is_some()
+    }
+
+    /// The sighting of the last observation was not the target: it was measured where that cannot be. What was learned since the
+    /// target was seen again is forgotten, and for a while other places are preferred to that one.
+    pub fn disown(&mut self) {
+        if self.state == FollowState::Tracking {
+            self.note = None;
+            self.lose();
+            // Whatever is seen next is doubted by whoever disowned this, and need not wait for a second frame here.
+            self.agreeing = 1;
+        }
+    }
+
+    /// From sight to hidden; a target on probation was never seen.
+    fn lose(&mut self) {
+        self.state = FollowState::Occluded;
+        match self.undo.take() {
+            Some(undo) => {
+                self.doubt = self
+                    .belief
+                    .as_ref()
+                    .map(|b| Doubt::about(b, self.last_time_s));
+                undo.restore(self);
+            }
+            None => self.hidden_s = self.seen_s,
         }
     }
 
@@ -329,6 +372,9 @@ impl Follower {
         self.unranged = 0;
         self.agreeing = 0;
         self.search.clear();
+        self.wander.reset();
+        self.undo = None;
+        self.doubt = None;
         let found = Match {
             anchor: mover.anchor_px,
             ray: mover.ray,
@@ -359,6 +405,10 @@ impl Follower {
         match judged {
             Ok(found) => {
                 let found = self.settle(seen, found, dt);
+                if self.undo.as_mut().is_some_and(|undo| undo.is_over()) {
+                    self.undo = None;
+                }
+                self.wander.note(&found.ray, &expected, dt);
                 let sighting = self.sighting(seen, &found, SightingKind::Followed);
                 self.report_seen(sighting)
             }
@@ -384,8 +434,7 @@ impl Follower {
                 self.release();
                 return self.without_target(reason, None);
             }
-            self.hidden_s = self.seen_s;
-            self.state = FollowState::Occluded;
+            self.lose();
         }
         let gone_s = seen.time_s - self.hidden_s;
         if self.state == FollowState::Occluded && gone_s > self.settings.coast_s {
@@ -414,8 +463,10 @@ impl Follower {
                 Err(r) => reason = r,
             }
         }
-        if found.is_none() {
-            found = self.match_movers(seen, expected.as_ref(), &movers);
+        if found.is_none_or(|m| self.is_doubted(&m, seen.time_s)) {
+            found = self
+                .match_movers(seen, expected.as_ref(), &movers)
+                .or(found);
         }
         let boxes = movers.iter().map(|m| m.body).collect();
         let report = match found {
@@ -444,6 +495,7 @@ impl Follower {
             return report;
         }
         self.agreeing = 0;
+        self.undo = Some(Box::new(Undo::of(self)));
         if let Some(belief) = &mut self.belief {
             belief.restart(&seen.left.lens(), &found.ray, found.distance_m, seen.time_s);
         }
@@ -490,7 +542,9 @@ impl Follower {
         Sighting {
             anchor_px: found.anchor,
             // The peak's fraction is good to about a fifth of a sample when it is sharp; never better than 0.3 px.
-            anchor_sigma_px: (STEP_M * px_per_m * 1.5 / found.peak.psr.max(1.0)).max(0.3),
+            anchor_sigma_px: (px_per_m
+                * (STEP_M * 1.5 / found.peak.psr.max(1.0)).hypot(self.wander.sigma_m()))
+            .max(0.3),
             body,
             torso,
             distance_m: found.range.map(|r| r.distance_m),

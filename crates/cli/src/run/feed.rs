@@ -1,5 +1,6 @@
 //! Where a run's pairs come from, with the truth where there is one.
 
+use nalgebra::Point3;
 use vergence_capture::{FilesSource, Source, SourceInfo, StereoFrame, TwinSource};
 use vergence_geometry::Eye;
 use vergence_servo::Step;
@@ -58,11 +59,21 @@ impl Feed {
             target_in_base: target.into(),
             occluded: truth.occluded,
             angles_rad: std::array::from_fn(|axis| (angles[0][axis] + angles[1][axis]) / 2.0),
+            left_px: left_px(twin, truth),
             disparity_px,
             shown_disparity_px: disparity_px.map(|d| d + shift_px[0] - shift_px[1]),
             pointing_px: pointing_px(twin, truth),
         })
     }
+}
+
+/// Where the reference point appears in the left picture, lens distortion and all.
+fn left_px(twin: &TwinSource, truth: &vergence_capture::TwinTruth) -> Option<[f64; 2]> {
+    let camera = &twin.info().cameras[Eye::Left as usize];
+    let k = &camera.intrinsics;
+    let ideal = truth.target_undistorted_px[Eye::Left as usize]?;
+    let ray = Point3::new((ideal.x - k.cx) / k.fx, (ideal.y - k.cy) / k.fy, 1.0);
+    camera.project(&ray).map(Into::into)
 }
 
 /// Distance of the reference point from the principal point (where the optical axis meets the picture), mean of both eyes,

@@ -45,6 +45,8 @@ pub(crate) struct Truth {
     pub(crate) disparity_px: Option<f64>,
     /// The same after the electronic shift.
     pub(crate) shown_disparity_px: Option<f64>,
+    /// Where the reference point appears in the left picture as taken, px.
+    pub(crate) left_px: Option<[f64; 2]>,
     /// Distance of the reference point from the picture's centre, mean of both eyes, px.
     pub(crate) pointing_px: Option<f64>,
 }
@@ -70,7 +72,7 @@ pub(crate) struct Measured {
 /// Names of the columns with their units.
 pub(crate) const HEADER: &str = "frame,capture_s,arrival_s,command_s,latency_s,state,reason,action,mode,\
 true_x_m,true_y_m,true_z_m,true_distance_m,occluded,\
-true_pan_deg,true_tilt_deg,true_left_deg,true_right_deg,true_disparity_px,shown_disparity_px,pointing_error_px,\
+true_pan_deg,true_tilt_deg,true_left_deg,true_right_deg,true_u_px,true_v_px,true_disparity_px,shown_disparity_px,pointing_error_px,\
 x_m,y_m,z_m,distance_m,vx_m_s,vy_m_s,vz_m_s,range_sigma_m,nis,\
 anchor_u_px,anchor_v_px,confidence,disparity_px,disparity_sigma_px,\
 pan_deg,tilt_deg,left_deg,right_deg,vergence_deg,\
@@ -134,6 +136,9 @@ impl Row {
         for axis in 0..4 {
             cells.number(t.map(|t| t.angles_rad[axis].to_degrees()), 5);
         }
+        for axis in 0..2 {
+            cells.number(t.and_then(|t| t.left_px).map(|p| p[axis]), 3);
+        }
         cells.number(t.and_then(|t| t.disparity_px), 4);
         cells.number(t.and_then(|t| t.shown_disparity_px), 4);
         cells.number(t.and_then(|t| t.pointing_px), 3);
@@ -195,6 +200,7 @@ mod tests {
             target_in_base: [0.0, 0.1, 3.0],
             occluded: false,
             angles_rad: [0.0; 4],
+            left_px: Some([10.0, 20.0]),
             disparity_px: Some(0.25),
             shown_disparity_px: None,
             pointing_px: Some(f64::NAN),

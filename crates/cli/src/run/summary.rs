@@ -292,6 +292,7 @@ mod tests {
                 target_in_base: [0.0, 0.0, z],
                 occluded,
                 angles_rad: [0.0; 4],
+                left_px: None,
                 disparity_px: Some(error_px),
                 shown_disparity_px: Some(error_px),
                 pointing_px: Some(1.0),

@@ -256,7 +256,10 @@ impl Follower {
                 }
             });
             let better = match (&trial, &best) {
-                (Ok(a), Ok(b)) => a.peak.psr > b.peak.psr,
+                (Ok(a), Ok(b)) => {
+                    let rank = |m: &Match| (!self.is_doubted(m, seen.time_s), m.peak.psr);
+                    rank(a) > rank(b)
+                }
                 (Ok(_), Err(_)) => true,
                 (Err(_), Ok(_)) => false,
                 // The reason at the expected place itself is the one to tell.

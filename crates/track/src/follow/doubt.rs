@@ -1,0 +1,88 @@
+//! Taking back that the target was seen again.
+
+use nalgebra::Vector3;
+
+use super::Follower;
+use super::matching::Match;
+use crate::appearance::Appearance;
+use crate::belief::Belief;
+use crate::correlation::Correlator;
+
+/// For how long a place is doubted, s.
+const DOUBT_S: f64 = 1.0;
+
+/// How near to a doubted place another sighting is doubted too, metres.
+const SAME_M: f64 = 0.25;
+
+/// A direction in which something looked like the target and was not.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Doubt {
+    ray: Vector3<f64>,
+    time_s: f64,
+}
+
+impl Doubt {
+    pub(super) fn about(belief: &Belief, time_s: f64) -> Self {
+        Self {
+            ray: belief.seen_along(),
+            time_s,
+        }
+    }
+}
+
+/// For how many frames after the first one a target that was seen again must stay in sight: what is taken for it beside an
+/// edge seldom lasts for two.
+const PROBATION: u32 = 3;
+
+/// What the follower knew before it saw its target again.
+#[derive(Clone, Debug)]
+pub(super) struct Undo {
+    left: u32,
+    belief: Option<Belief>,
+    filter: Correlator,
+    appearance: Appearance,
+    hidden_s: f64,
+    seen_s: f64,
+    rangeable: f64,
+    unranged: u32,
+}
+
+impl Undo {
+    pub(super) fn of(follower: &Follower) -> Self {
+        Self {
+            left: PROBATION,
+            belief: follower.belief,
+            filter: follower.filter.clone(),
+            appearance: follower.appearance.clone(),
+            hidden_s: follower.hidden_s,
+            seen_s: follower.seen_s,
+            rangeable: follower.rangeable,
+            unranged: follower.unranged,
+        }
+    }
+
+    /// One more frame in sight; whether that was the last one on probation.
+    pub(super) fn is_over(&mut self) -> bool {
+        self.left = self.left.saturating_sub(1);
+        self.left == 0
+    }
+
+    pub(super) fn restore(self, follower: &mut Follower) {
+        follower.belief = self.belief;
+        follower.filter = self.filter;
+        follower.appearance = self.appearance;
+        follower.hidden_s = self.hidden_s;
+        follower.seen_s = self.seen_s;
+        follower.rangeable = self.rangeable;
+        follower.unranged = self.unranged;
+    }
+}
+
+impl Follower {
+    /// Whether a match is where something else was taken for the target a moment ago.
+    pub(super) fn is_doubted(&self, found: &Match, time_s: f64) -> bool {
+        self.doubt.is_some_and(|d| {
+            time_s - d.time_s < DOUBT_S && (found.ray - d.ray).norm() * found.distance_m < SAME_M
+        })
+    }
+}
