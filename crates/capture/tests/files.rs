@@ -284,6 +284,54 @@ fn unreadable_pictures() {
     assert_eq!(source.dropped_pairs(), 2);
 }
 
+/// A JPEG picture of which something is missing does not pass as a grey one: cut at 1 %, 50 % and 99 % of its length, and with
+/// random bytes in its middle.
+#[test]
+fn broken_jpegs_are_refused() {
+    let mut state = 1_u32;
+    let mut byte = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 24) as u8
+    };
+    let root = tempfile::tempdir().unwrap();
+    let noise = Rgb::from_fn(32, 24, |_, _| [byte(), byte(), byte()]);
+    for side in ["l", "r"] {
+        std::fs::create_dir(root.path().join(side)).unwrap();
+        for i in 0..3 {
+            files::write_rgb(&root.path().join(format!("{side}/{i}.jpg")), &noise).unwrap();
+        }
+    }
+    let mut config = FilesConfig {
+        left: root.path().join("l"),
+        right: root.path().join("r"),
+        ..FilesConfig::default()
+    };
+    assert_eq!(complaint(&config), "no complaint");
+    let broken = root.path().join("l/1.jpg");
+    let whole = std::fs::read(&broken).unwrap();
+    let n = whole.len();
+    let mut garbled = whole.clone();
+    garbled[n - 600..n - 200].fill_with(&mut byte);
+    for bytes in [
+        &whole[..n / 100],
+        &whole[..n / 2],
+        &whole[..n * 99 / 100],
+        &garbled,
+    ] {
+        std::fs::write(&broken, bytes).unwrap();
+        config.unreadable = OnFault::Refuse;
+        let error = complaint(&config);
+        assert!(
+            error.contains("not a readable PNG or JPEG") && error.ends_with("1.jpg"),
+            "{error}"
+        );
+        config.unreadable = OnFault::Skip;
+        let mut source = FilesSource::open(&config, &rig()).unwrap();
+        assert_eq!(all(&mut source).len(), 2);
+        assert_eq!(source.dropped_pairs(), 1);
+    }
+}
+
 /// Everything else that can be wrong with what was named.
 #[test]
 fn inputs_that_are_not_there_or_not_usable() {

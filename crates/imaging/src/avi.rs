@@ -5,7 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::files::{ImageError, jpeg_from_rgb};
+use crate::files::{ImageError, jpeg_from_rgb, write_whole};
 use crate::plane::Rgb;
 
 /// Largest film, bytes: sizes in an AVI file are 32 bits, and a sample needs far less.
@@ -66,15 +66,11 @@ impl Film {
 
     /// Write the film; it appears whole under its name or not at all.
     pub fn write(&self, path: &Path) -> Result<(), ImageError> {
-        let bytes = self.to_bytes();
-        let partial = path.with_extension("partial");
-        let io = |source| ImageError::Io {
+        write_whole(path, &self.to_bytes()).map_err(|source| ImageError::Io {
             action: "writing a film",
             source,
             path: path.to_owned(),
-        };
-        std::fs::write(&partial, bytes).map_err(io)?;
-        std::fs::rename(&partial, path).map_err(io)
+        })
     }
 
     fn to_bytes(&self) -> Vec<u8> {

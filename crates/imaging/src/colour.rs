@@ -32,11 +32,15 @@ pub fn rgb_from_luma(luma: &Gray) -> Rgb {
 mod tests {
     use super::*;
 
-    /// Grey has its own value as luma, for all 256 of them, and white beats every pure colour.
+    /// Grey has its own value as luma, for all 256 of them, and white is brighter than every pure colour, which rank
+    /// green, red, blue.
     #[test]
     fn grey_keeps_its_value() {
         let grey = Rgb::from_fn(256, 1, |x, _| [x as u8; 3]);
         let luma = luma_from_rgb(&grey);
         assert!((0..256).all(|x| usize::from(luma.at(x, 0)) == x));
+        let pure = [[255; 3], [0, 255, 0], [255, 0, 0], [0, 0, 255], [0; 3]];
+        let pure = luma_from_rgb(&Rgb::from_samples(5, 1, pure.to_vec()));
+        assert_eq!(pure.samples(), [255, 150, 76, 29, 0]);
     }
 }

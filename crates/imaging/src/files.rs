@@ -1,8 +1,10 @@
 //! Picture files: PNG and JPEG, read with limits and written whole or not at all.
 
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use crate::colour::rgb_from_luma;
+use crate::jpeg;
 use crate::plane::{Gray, Rgb};
 
 /// Largest side of a picture that is read, pixels: a limit against files that lie about their size.
@@ -10,6 +12,12 @@ pub const MAX_SIDE: u32 = 32_768;
 
 /// Most memory that one picture may take while it is decoded, bytes.
 pub const MAX_DECODE_BYTES: u64 = 1 << 30;
+
+/// Largest picture file that is read, bytes.
+pub const MAX_FILE_BYTES: u64 = 256 << 20;
+
+/// How much of a file is looked at first when only its size in pixels is wanted, bytes.
+const HEADER_BYTES: u64 = 256 << 10;
 
 /// What can go wrong with a picture file.
 #[derive(Debug, thiserror::Error)]
@@ -42,12 +50,11 @@ pub enum ImageError {
     },
 }
 
-/// Read a picture as RGB; grey files become RGB with equal channels, alpha is dropped, 16 bits become 8.
+/// Read a picture as RGB; grey files become RGB with equal channels, alpha is dropped, 16 bits become 8. A JPEG file of which
+/// anything is missing is an error; what is counted stands in `jpeg.rs`.
 pub fn read_rgb(path: &Path) -> Result<Rgb, ImageError> {
-    let picture = decode(path)?.into_rgb8();
-    let (w, h) = (picture.width() as usize, picture.height() as usize);
-    let samples = picture.pixels().map(|p| p.0).collect();
-    Ok(Rgb::from_samples(w, h, samples))
+    let bytes = read_bytes(path, MAX_FILE_BYTES)?;
+    decoded(path, || rgb_from_bytes(&bytes))
 }
 
 /// Read a picture as grey (luma of BT.601 for colour files).
@@ -55,74 +62,128 @@ pub fn read_gray(path: &Path) -> Result<Gray, ImageError> {
     Ok(crate::colour::luma_from_rgb(&read_rgb(path)?))
 }
 
-/// Width and height of a picture in pixels, from its header alone: the rest of the file may still be unreadable.
+/// Width and height of a picture in pixels, from its header alone: the rest of the file may still be unreadable. Of a file whose
+/// header is not at its beginning (behind a large colour profile, say) more is read.
 pub fn read_size(path: &Path) -> Result<(usize, usize), ImageError> {
-    let (reader, refused) = open(path)?;
-    let (w, h) =
-        std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| reader.into_dimensions()))
-            .map_err(|_| refused(&"the decoder gave up on it"))?
-            .map_err(|e| refused(&e))?;
-    if w > MAX_SIDE || h > MAX_SIDE {
-        return Err(refused(&format!(
-            "it is {w} x {h} pixels; a side may have {MAX_SIDE}"
-        )));
+    let start = read_start(path, HEADER_BYTES)?;
+    let size = match decoded(path, || size_from_bytes(&start)) {
+        Err(_) if start.len() as u64 == HEADER_BYTES => {
+            let bytes = read_bytes(path, MAX_FILE_BYTES)?;
+            decoded(path, || size_from_bytes(&bytes))
+        }
+        found => found,
+    }?;
+    let side = MAX_SIDE as usize;
+    if size.0 > side || size.1 > side {
+        return Err(ImageError::Decode {
+            reason: format!(
+                "it is {} x {} pixels; a side may have {MAX_SIDE}",
+                size.0, size.1
+            ),
+            path: path.to_owned(),
+        });
     }
-    Ok((w as usize, h as usize))
+    Ok(size)
 }
 
-fn decode(path: &Path) -> Result<image::DynamicImage, ImageError> {
-    let (mut reader, refused) = open(path)?;
+/// What a decoder makes of a file. Decoders of hostile files have been known to panic; here that is one more unreadable file.
+fn decoded<T>(path: &Path, decode: impl Fn() -> Result<T, String>) -> Result<T, ImageError> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode))
+        .unwrap_or_else(|_| Err("the decoder gave up on it".to_owned()))
+        .map_err(|reason| ImageError::Decode {
+            reason,
+            path: path.to_owned(),
+        })
+}
+
+fn rgb_from_bytes(bytes: &[u8]) -> Result<Rgb, String> {
+    if bytes.starts_with(&jpeg::START) {
+        return jpeg::rgb_from_jpeg(bytes);
+    }
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(MAX_SIDE);
     limits.max_image_height = Some(MAX_SIDE);
     limits.max_alloc = Some(MAX_DECODE_BYTES);
+    let mut reader = png_reader(bytes);
     reader.limits(limits);
-    // Decoders of hostile files have been known to panic; here that is one more unreadable file.
-    std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| reader.decode()))
-        .map_err(|_| refused(&"the decoder gave up on it"))?
-        .map_err(|e| refused(&e))
+    let picture = reader.decode().map_err(|e| e.to_string())?.into_rgb8();
+    let (w, h) = (picture.width() as usize, picture.height() as usize);
+    let samples = picture.pixels().map(|p| p.0).collect();
+    Ok(Rgb::from_samples(w, h, samples))
 }
 
-type Reader = image::ImageReader<std::io::BufReader<std::fs::File>>;
+fn size_from_bytes(bytes: &[u8]) -> Result<(usize, usize), String> {
+    if bytes.starts_with(&jpeg::START) {
+        return jpeg::size_from_jpeg(bytes);
+    }
+    let (w, h) = png_reader(bytes)
+        .into_dimensions()
+        .map_err(|e| e.to_string())?;
+    Ok((w as usize, h as usize))
+}
 
-/// A reader for a file, and what makes a decoder's complaint an error that names it.
-fn open(
-    path: &Path,
-) -> Result<
-    (
-        Reader,
-        impl Fn(&dyn std::fmt::Display) -> ImageError + use<>,
-    ),
-    ImageError,
-> {
-    let file = std::fs::File::open(path).map_err(|source| ImageError::Io {
-        action: "opening a picture",
-        source,
-        path: path.to_owned(),
-    })?;
-    let named = path.to_owned();
-    let refused = move |e: &dyn std::fmt::Display| ImageError::Decode {
-        reason: e.to_string(),
-        path: named.clone(),
+fn png_reader(bytes: &[u8]) -> image::ImageReader<std::io::Cursor<&[u8]>> {
+    image::ImageReader::with_format(std::io::Cursor::new(bytes), image::ImageFormat::Png)
+}
+
+/// The whole file, unless it is larger than `limit` bytes.
+fn read_bytes(path: &Path, limit: u64) -> Result<Vec<u8>, ImageError> {
+    let bytes = read_start(path, limit + 1)?;
+    if bytes.len() as u64 > limit {
+        return Err(ImageError::Decode {
+            reason: format!("it has more than {limit} bytes"),
+            path: path.to_owned(),
+        });
+    }
+    Ok(bytes)
+}
+
+/// The first bytes of a file, at most so many. Its length is not trusted: a pipe has none, and a file may grow.
+fn read_start(path: &Path, most: u64) -> Result<Vec<u8>, ImageError> {
+    let io = |action| {
+        move |source| ImageError::Io {
+            action,
+            source,
+            path: path.to_owned(),
+        }
     };
-    let reader = image::ImageReader::new(std::io::BufReader::new(file))
-        .with_guessed_format()
-        .map_err(|e| refused(&e))?;
-    Ok((reader, refused))
+    let file = std::fs::File::open(path).map_err(io("opening a picture"))?;
+    let known = file.metadata().map_or(0, |m| m.len());
+    if known >= most && most > HEADER_BYTES {
+        return Err(ImageError::Decode {
+            reason: format!("it has {known} bytes; a picture may have {}", most - 1),
+            path: path.to_owned(),
+        });
+    }
+    let mut bytes = Vec::new();
+    file.take(most)
+        .read_to_end(&mut bytes)
+        .map_err(io("reading a picture"))?;
+    Ok(bytes)
 }
 
 /// Write RGB as PNG or JPEG by the file's extension (`.png`, `.jpg`, `.jpeg`; JPEG quality 92). The file appears
 /// whole under its name or not at all.
 pub fn write_rgb(path: &Path, picture: &Rgb) -> Result<(), ImageError> {
     let bytes = encode_rgb(path, picture)?;
-    let partial = path.with_extension("partial");
-    let io = |source| ImageError::Io {
+    write_whole(path, &bytes).map_err(|source| ImageError::Io {
         action: "writing a picture",
         source,
         path: path.to_owned(),
-    };
-    std::fs::write(&partial, bytes).map_err(io)?;
-    std::fs::rename(&partial, path).map_err(io)
+    })
+}
+
+/// Write a file that appears whole under its name or not at all: under its name with `.partial` behind it first, which goes
+/// away when the writing fails.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let mut partial = path.as_os_str().to_owned();
+    partial.push(".partial");
+    let written = std::fs::write(&partial, bytes).and_then(|()| std::fs::rename(&partial, path));
+    if written.is_err() {
+        // It may not even have been created; the first failure is the one to tell.
+        let _ = std::fs::remove_file(&partial);
+    }
+    written
 }
 
 /// Write grey; see [`write_rgb`].
@@ -167,4 +228,94 @@ pub(crate) fn jpeg_from_rgb(picture: &Rgb) -> Result<Vec<u8>, String> {
         )
         .map_err(|e| e.to_string())?;
     Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn gradient() -> Rgb {
+        Rgb::from_fn(40, 30, |x, y| [(5 * x) as u8, (7 * y) as u8, (x * y) as u8])
+    }
+
+    /// PNG gives every byte back, JPEG nearly; sizes come from the header; nothing else is left in the folder.
+    #[test]
+    fn written_pictures_are_read_back() {
+        let root = tempfile::tempdir().unwrap();
+        for (name, most) in [("a.png", 0), ("a.jpg", 40)] {
+            let path = root.path().join(name);
+            write_rgb(&path, &gradient()).unwrap();
+            assert_eq!(read_size(&path).unwrap(), (40, 30));
+            let back = read_rgb(&path).unwrap();
+            let (a, b) = (gradient(), back);
+            let differ = (a.samples().as_flattened().iter())
+                .zip(b.samples().as_flattened())
+                .map(|(a, b)| a.abs_diff(*b))
+                .max();
+            assert!(differ <= Some(most), "{name}: {differ:?}");
+        }
+        let grey = root.path().join("grey.jpeg");
+        write_gray(&grey, &crate::colour::luma_from_rgb(&gradient())).unwrap();
+        assert_eq!(read_gray(&grey).unwrap().size(), (40, 30));
+        assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 3);
+    }
+
+    /// A file over the limit is refused whether its length is known beforehand or not, and before it is in memory (the file
+    /// here is sparse: a picture with a tail of 3 GiB). Its size is still told by its header.
+    #[test]
+    fn files_over_the_limit_are_refused() {
+        let root = tempfile::tempdir().unwrap();
+        let path = root.path().join("long.jpg");
+        write_rgb(&path, &gradient()).unwrap();
+        let file = std::fs::OpenOptions::new()
+            .append(true)
+            .open(&path)
+            .unwrap();
+        file.set_len(3 << 30).unwrap();
+        let error = read_rgb(&path).unwrap_err().to_string();
+        assert!(error.contains("it has 3221225472 bytes"), "{error}");
+        assert_eq!(read_size(&path).unwrap(), (40, 30));
+        let endless = Path::new("/dev/zero");
+        if endless.exists() {
+            let error = read_bytes(endless, 1 << 20).unwrap_err().to_string();
+            assert!(error.contains("more than 1048576 bytes"), "{error}");
+        }
+    }
+
+    /// Text, nothing, and broken files of both kinds are refused with their name last.
+    #[test]
+    fn unreadable_files_are_named() {
+        let root = tempfile::tempdir().unwrap();
+        let whole = |name: &str| {
+            let path = root.path().join(name);
+            write_rgb(&path, &gradient()).unwrap();
+            std::fs::read(path).unwrap()
+        };
+        let (png, jpeg) = (whole("whole.png"), whole("whole.jpg"));
+        for (name, bytes) in [
+            ("text.png", b"no picture".to_vec()),
+            ("empty.jpg", Vec::new()),
+            ("cut.png", png[..png.len() / 2].to_vec()),
+            ("cut.jpg", jpeg[..jpeg.len() - 20].to_vec()),
+        ] {
+            let path = root.path().join(name);
+            std::fs::write(&path, bytes).unwrap();
+            let error = read_rgb(&path).unwrap_err().to_string();
+            assert!(
+                error.starts_with("not a readable PNG or JPEG picture (") && error.ends_with(name),
+                "{error}"
+            );
+        }
+        assert!(read_rgb(&root.path().join("nowhere.png")).is_err());
+    }
+
+    /// A picture that cannot be put in its place leaves nothing behind.
+    #[test]
+    fn failed_writing_leaves_nothing() {
+        let root = tempfile::tempdir().unwrap();
+        let path = root.path().join("x.png");
+        std::fs::create_dir_all(path.join("in the way")).unwrap();
+        assert!(write_rgb(&path, &gradient()).is_err());
+        assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 1);
+    }
 }

@@ -1,4 +1,4 @@
-//! Pixel buffers, sampling and remapping, filters, pyramids, colour, picture files.
+//! Pixel buffers, sampling, filters, pyramids, colour, picture files.
 //!
 //! Pixel (0, 0) is the *centre* of the top-left pixel; u runs right, v runs down (`CONVENTIONS.md`).
 
@@ -6,6 +6,7 @@ pub mod avi;
 pub mod colour;
 pub mod fft;
 pub mod files;
+mod jpeg;
 pub mod plane;
 pub mod pyramid;
 pub mod sample;

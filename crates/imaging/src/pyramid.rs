@@ -78,3 +78,45 @@ impl Pyramid {
         self.levels.len()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The mean of 2 x 2 by hand, rounded half up; an odd last row and column are dropped.
+    #[test]
+    fn half_is_the_mean_of_four() {
+        let full = Gray::from_samples(3, 3, vec![0, 1, 99, 0, 1, 99, 99, 99, 99]);
+        assert_eq!(half(&full), Gray::filled(1, 1, 1));
+        let white = half(&Gray::filled(6, 4, 255));
+        assert_eq!(white, Gray::filled(3, 2, 255));
+    }
+
+    /// The half's pixel u lies at 2 u + 0.5 of the full picture: a ramp keeps its values there.
+    #[test]
+    fn half_keeps_places() {
+        let ramp = Gray::from_fn(32, 8, |x, y| (4 * x + 8 * y) as u8);
+        let small = half(&ramp);
+        for y in 0..4 {
+            for x in 0..16 {
+                let exact = 4.0 * (2.0 * x as f64 + 0.5) + 8.0 * (2.0 * y as f64 + 0.5);
+                assert_eq!(f64::from(small.at(x, y)), exact);
+            }
+        }
+    }
+
+    /// An update gives what a new pyramid would be, at every level.
+    #[test]
+    fn update_equals_new() {
+        let first = Gray::filled(37, 21, 9);
+        let second = Gray::from_fn(37, 21, |x, y| (x * y) as u8);
+        let mut pyramid = Pyramid::new(&first, 4);
+        pyramid.update(&second);
+        let new = Pyramid::new(&second, 4);
+        assert_eq!(pyramid.count(), 4);
+        for i in 0..4 {
+            assert_eq!(pyramid.level(i), new.level(i));
+        }
+        assert_eq!(new.level(3).size(), (4, 2));
+    }
+}

@@ -1,0 +1,465 @@
+//! JPEG files, decoded only when nothing of them is missing.
+//!
+//! Decoders made for browsers fill what a broken file has lost with grey and say nothing; a measurement needs to know. So the
+//! decoder runs in its strict mode, and before it the compressed data are counted: a baseline picture must hold exactly the
+//! blocks that its size asks for, its restart marks in order, and the mark of its end ([`check`]). Of a progressive picture only
+//! the marks are followed; there the decoder's own strictness has to do.
+//!
+//! Layout and Huffman decoding after ITU-T T.81 (1992), annexes B, C and F. A change that leaves a stream of valid codes with the
+//! right number of blocks cannot be seen: JPEG has no checksum.
+
+use zune_core::bytestream::ZCursor;
+use zune_core::colorspace::ColorSpace;
+use zune_core::options::DecoderOptions;
+use zune_jpeg::JpegDecoder;
+
+use crate::files::MAX_SIDE;
+use crate::plane::Rgb;
+
+/// Most bytes between the last block of a scan and the mark after it: some encoders fill up to a word.
+const MAX_PADDING: usize = 8;
+
+/// Every JPEG file begins with these bytes.
+pub(crate) const START: [u8; 3] = [0xff, 0xd8, 0xff];
+
+const BROKEN_OFF: &str = "its data break off";
+
+/// The picture, or what is wrong with the file.
+pub(crate) fn rgb_from_jpeg(bytes: &[u8]) -> Result<Rgb, String> {
+    check(bytes)?;
+    let mut decoder = decoder(bytes);
+    decoder.decode_headers().map_err(|e| e.to_string())?;
+    let grey = decoder.input_colorspace() == Some(ColorSpace::Luma);
+    let colours = if grey {
+        ColorSpace::Luma
+    } else {
+        ColorSpace::RGB
+    };
+    decoder.set_options(options().jpeg_set_out_colorspace(colours));
+    let samples = decoder.decode().map_err(|e| e.to_string())?;
+    let (w, h) = decoder.dimensions().ok_or("it has no size")?;
+    let pixels: Vec<[u8; 3]> = if grey {
+        samples.into_iter().map(|v| [v; 3]).collect()
+    } else {
+        samples.as_chunks().0.to_vec()
+    };
+    if pixels.len() != w * h {
+        return Err(format!("{} pixels came out of {w} x {h}", pixels.len()));
+    }
+    Ok(Rgb::from_samples(w, h, pixels))
+}
+
+/// Width and height by the header.
+pub(crate) fn size_from_jpeg(bytes: &[u8]) -> Result<(usize, usize), String> {
+    let mut decoder = decoder(bytes);
+    decoder.decode_headers().map_err(|e| e.to_string())?;
+    decoder
+        .dimensions()
+        .ok_or_else(|| "it has no size".to_owned())
+}
+
+fn decoder(bytes: &[u8]) -> JpegDecoder<ZCursor<&[u8]>> {
+    JpegDecoder::new_with_options(ZCursor::new(bytes), options())
+}
+
+fn options() -> DecoderOptions {
+    DecoderOptions::default()
+        .set_strict_mode(true)
+        .set_max_width(MAX_SIDE as usize)
+        .set_max_height(MAX_SIDE as usize)
+}
+
+/// Whether a file is whole; see the module.
+pub(crate) fn check(bytes: &[u8]) -> Result<(), String> {
+    let mut file = File::default();
+    let mut rest = bytes.get(2..).ok_or(BROKEN_OFF)?;
+    let mut scans = 0;
+    loop {
+        let (mark, after) = next_mark(rest)?;
+        // T.81, table B.1.
+        match mark {
+            0xd9 if scans > 0 => return Ok(()),
+            0xd9 => return Err("it ends before its first scan".to_owned()),
+            0x01 | 0xd0..=0xd8 => {
+                rest = after;
+                continue;
+            }
+            _ => {}
+        }
+        let length = usize::from(u16_at(after, 0)?);
+        let body = after.get(2..length).ok_or(BROKEN_OFF)?;
+        rest = &after[length..];
+        match mark {
+            0xc4 => file.take_tables(body)?,
+            0xc0 | 0xc1 => file.frame = Frame::from_body(body)?,
+            0xc2..=0xcf => file.frame = None,
+            0xdd => file.restart_every = usize::from(u16_at(body, 0)?),
+            0xda => {
+                scans += 1;
+                rest = match file.scan(body)? {
+                    Some(scan) => scan.after(rest)?,
+                    None => after_data(rest),
+                };
+            }
+            _ => {}
+        }
+    }
+}
+
+fn u16_at(bytes: &[u8], at: usize) -> Result<u16, String> {
+    let two = bytes.get(at..at + 2).ok_or(BROKEN_OFF)?;
+    Ok(u16::from_be_bytes([two[0], two[1]]))
+}
+
+/// The mark at the beginning and what follows it.
+fn next_mark(bytes: &[u8]) -> Result<(u8, &[u8]), String> {
+    let fill = bytes.iter().take_while(|b| **b == 0xff).count();
+    match bytes.get(fill) {
+        None => Err(BROKEN_OFF.to_owned()),
+        Some(_) if fill == 0 => Err("its data are garbled".to_owned()),
+        Some(&mark) => Ok((mark, &bytes[fill + 1..])),
+    }
+}
+
+/// From the mark that ends compressed data on; restart marks do not.
+fn after_data(bytes: &[u8]) -> &[u8] {
+    let ends = |two: &[u8]| two[0] == 0xff && !matches!(two[1], 0x00 | 0xd0..=0xd7 | 0xff);
+    let at = bytes.windows(2).position(ends).unwrap_or(bytes.len());
+    &bytes[at..]
+}
+
+/// What the headers said so far.
+#[derive(Default)]
+struct File {
+    /// By class (DC, AC) and number.
+    tables: [[Option<Box<Table>>; 4]; 2],
+    /// `None` for pictures whose blocks are not counted.
+    frame: Option<Frame>,
+    restart_every: usize,
+}
+
+struct Frame {
+    size: (usize, usize),
+    /// Number, blocks across and blocks down in a unit.
+    components: Vec<(u8, usize, usize)>,
+}
+
+/// Length and symbol of the code with which 16 bits begin; length 0 where no code does.
+struct Table(Vec<(u8, u8)>);
+
+struct Scan<'a> {
+    /// The DC and the AC table of each block of a unit.
+    blocks: Vec<[&'a Table; 2]>,
+    units: usize,
+    restart_every: usize,
+}
+
+impl Frame {
+    /// From the body of a frame header; `None` when a sample does not have 8 bits.
+    fn from_body(body: &[u8]) -> Result<Option<Self>, String> {
+        let (h, w) = (u16_at(body, 1)?, u16_at(body, 3)?);
+        let count = usize::from(*body.get(5).ok_or(BROKEN_OFF)?);
+        let mut components = Vec::new();
+        for part in body[6..].as_chunks::<3>().0.iter().take(count) {
+            let (across, down) = (usize::from(part[1] >> 4), usize::from(part[1] & 15));
+            if !(1..=4).contains(&across) || !(1..=4).contains(&down) {
+                return Err("its header is garbled".to_owned());
+            }
+            components.push((part[0], across, down));
+        }
+        if components.is_empty() || components.len() != count {
+            return Err("its header is garbled".to_owned());
+        }
+        Ok((body[0] == 8).then_some(Self {
+            size: (usize::from(w), usize::from(h)),
+            components,
+        }))
+    }
+
+    /// Units of a scan of these components (T.81, A.2).
+    fn units(&self, inside: &[usize]) -> usize {
+        let most = |f: fn(&(u8, usize, usize)) -> usize| self.components.iter().map(f).max();
+        let (across, down) = (most(|c| c.1).unwrap_or(1), most(|c| c.2).unwrap_or(1));
+        let (w, h) = self.size;
+        match inside {
+            [one] => {
+                let (_, a, d) = self.components[*one];
+                (w * a).div_ceil(across).div_ceil(8) * (h * d).div_ceil(down).div_ceil(8)
+            }
+            _ => w.div_ceil(8 * across) * h.div_ceil(8 * down),
+        }
+    }
+}
+
+impl Table {
+    /// From how many codes there are of each length, and their symbols (T.81, C.2).
+    fn new(counts: &[u8; 16], symbols: &[u8]) -> Result<Self, String> {
+        let mut codes = Vec::with_capacity(1 << 16);
+        let mut symbols = symbols.iter();
+        for (bits, count) in (1_u8..).zip(counts) {
+            for symbol in symbols.by_ref().take(usize::from(*count)) {
+                let filled = codes.len() + (1 << (16 - bits));
+                if filled > 1 << 16 {
+                    return Err("a code table is garbled".to_owned());
+                }
+                codes.resize(filled, (bits, *symbol));
+            }
+        }
+        codes.resize(1 << 16, (0, 0));
+        Ok(Self(codes))
+    }
+}
+
+impl File {
+    fn take_tables(&mut self, mut body: &[u8]) -> Result<(), String> {
+        while let Some((&place, after)) = body.split_first() {
+            let counts: &[u8; 16] = after.first_chunk().ok_or(BROKEN_OFF)?;
+            let codes = counts.iter().map(|n| usize::from(*n)).sum::<usize>();
+            let symbols = after.get(16..16 + codes).ok_or(BROKEN_OFF)?;
+            let (class, number) = (usize::from(place >> 4), usize::from(place & 15));
+            let slot = self
+                .tables
+                .get_mut(class)
+                .and_then(|of_class| of_class.get_mut(number))
+                .ok_or("a code table is garbled")?;
+            *slot = Some(Box::new(Table::new(counts, symbols)?));
+            body = &after[16 + codes..];
+        }
+        Ok(())
+    }
+
+    /// What a scan must hold; `None` where that is not counted: progressive pictures, and those of video streams that leave
+    /// the usual tables out.
+    fn scan(&self, body: &[u8]) -> Result<Option<Scan<'_>>, String> {
+        let Some(frame) = &self.frame else {
+            return Ok(None);
+        };
+        let count = usize::from(*body.first().ok_or(BROKEN_OFF)?);
+        let parts = body
+            .get(1..1 + 2 * count)
+            .ok_or(BROKEN_OFF)?
+            .as_chunks::<2>();
+        let (mut inside, mut blocks) = (Vec::new(), Vec::new());
+        for [number, places] in parts.0 {
+            let at = frame.components.iter().position(|c| c.0 == *number);
+            let at = at.ok_or("its scan header is garbled")?;
+            let table = |class: usize, number: u8| {
+                let slot = self.tables[class].get(usize::from(number));
+                slot.and_then(Option::as_deref)
+            };
+            let (Some(dc), Some(ac)) = (table(0, places >> 4), table(1, places & 15)) else {
+                return Ok(None);
+            };
+            let (_, across, down) = frame.components[at];
+            let of_unit = if count == 1 { 1 } else { across * down };
+            blocks.extend(std::iter::repeat_n([dc, ac], of_unit));
+            inside.push(at);
+        }
+        Ok(Some(Scan {
+            units: frame.units(&inside),
+            blocks,
+            restart_every: self.restart_every,
+        }))
+    }
+}
+
+impl Scan<'_> {
+    /// Follow the compressed data to their end; what comes after them, from the next mark on.
+    fn after<'a>(&self, data: &'a [u8]) -> Result<&'a [u8], String> {
+        let mut bits = Bits::new(data);
+        for unit in 0..self.units {
+            if self.restart_every > 0 && unit > 0 && unit % self.restart_every == 0 {
+                let number = (unit / self.restart_every - 1) % 8;
+                bits = bits.restarted(0xd0 + number as u8)?;
+            }
+            for [dc, ac] in &self.blocks {
+                bits.pass_block(dc, ac).ok_or_else(|| {
+                    let state = if bits.ended {
+                        "break off"
+                    } else {
+                        "are garbled"
+                    };
+                    format!("its data {state} after {unit} of {} units", self.units)
+                })?;
+            }
+        }
+        let rest = bits.rest();
+        let end = after_data(rest);
+        if rest.len() - end.len() > MAX_PADDING {
+            return Err(format!(
+                "its data are garbled: {} bytes are left over",
+                rest.len() - end.len()
+            ));
+        }
+        Ok(end)
+    }
+}
+
+/// Bits of compressed data, up to the next mark.
+struct Bits<'a> {
+    data: &'a [u8],
+    /// Next byte to take.
+    at: usize,
+    /// The next bits, left-aligned, ones behind them.
+    next: u64,
+    count: u32,
+    /// A mark or the end has been met.
+    ended: bool,
+}
+
+impl<'a> Bits<'a> {
+    fn new(data: &'a [u8]) -> Self {
+        Self {
+            data,
+            at: 0,
+            next: 0,
+            count: 0,
+            ended: false,
+        }
+    }
+
+    /// One block: its constant part, then up to 63 others (T.81, F.2.2). `None` where no code fits.
+    fn pass_block(&mut self, dc: &Table, ac: &Table) -> Option<()> {
+        let bits = self.code(dc)?;
+        self.pass(u32::from(bits & 15))?;
+        let mut k = 1;
+        while k < 64 {
+            let symbol = self.code(ac)?;
+            let (zeros, bits) = (symbol >> 4, symbol & 15);
+            if bits == 0 && zeros != 15 {
+                break;
+            }
+            k += u32::from(zeros) + 1;
+            if k > 64 {
+                return None;
+            }
+            self.pass(u32::from(bits))?;
+        }
+        Some(())
+    }
+
+    fn code(&mut self, table: &Table) -> Option<u8> {
+        if self.count < 32 {
+            self.refill();
+        }
+        let (bits, symbol) = table.0[(self.next >> 48) as usize];
+        if bits == 0 {
+            return None;
+        }
+        self.pass(u32::from(bits))?;
+        Some(symbol)
+    }
+
+    /// `None` when there are not that many bits; at most 16 are asked for after each code.
+    fn pass(&mut self, bits: u32) -> Option<()> {
+        self.count = self.count.checked_sub(bits)?;
+        self.next <<= bits;
+        Some(())
+    }
+
+    fn refill(&mut self) {
+        while self.count <= 48 && !self.ended {
+            let byte = self.data.get(self.at).copied();
+            let stuffed = self.data.get(self.at + 1) == Some(&0);
+            match byte {
+                Some(0xff) if stuffed => self.at += 2,
+                Some(byte) if byte != 0xff => self.at += 1,
+                _ => {
+                    self.ended = true;
+                    return;
+                }
+            }
+            self.next |= u64::from(byte.unwrap_or(0xff)) << (56 - self.count);
+            self.count += 8;
+        }
+    }
+
+    /// What was not taken, without the bits that fill the last byte.
+    fn rest(&self) -> &'a [u8] {
+        let mut back = self.count / 8;
+        let mut at = self.at;
+        while back > 0 {
+            // A stuffed byte is two.
+            at -= if at >= 2 && self.data[at - 2..at] == [0xff, 0] {
+                2
+            } else {
+                1
+            };
+            back -= 1;
+        }
+        &self.data[at..]
+    }
+
+    /// Past the restart mark that must come now.
+    fn restarted(self, wanted: u8) -> Result<Self, String> {
+        let rest = self.rest();
+        let at = rest.iter().take(MAX_PADDING).position(|b| *b == 0xff);
+        let (mark, after) = next_mark(rest.get(at.unwrap_or(0)..).unwrap_or(&[]))?;
+        if mark != wanted {
+            return Err("its data are garbled: a restart mark is missing".to_owned());
+        }
+        Ok(Self::new(after))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::files::jpeg_from_rgb;
+
+    fn picture() -> Rgb {
+        let mut state = 1_u32;
+        Rgb::from_fn(203, 117, |x, y| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            std::array::from_fn(|c| (x * (c + 1) + y / (c + 1)) as u8 ^ (state >> 27) as u8)
+        })
+    }
+
+    /// Whole files pass, padded ones and such with bytes after their end as well, and come out with the right size and nearly the right
+    /// colours; a grey file gives equal channels.
+    #[test]
+    fn whole_files_pass() {
+        let mut bytes = jpeg_from_rgb(&picture()).unwrap();
+        let got = rgb_from_jpeg(&bytes).unwrap();
+        assert_eq!(got.size(), (203, 117));
+        let end = bytes.len() - 2;
+        bytes.splice(end..end, [0xff, 0xff, 0xff]);
+        bytes.extend([1, 2, 3]);
+        assert_eq!(rgb_from_jpeg(&bytes).unwrap(), got);
+        assert_eq!(size_from_jpeg(&bytes).unwrap(), (203, 117));
+    }
+
+    /// Every prefix of a file is refused, one byte short as well as a thousand.
+    #[test]
+    fn no_prefix_passes() {
+        let bytes = jpeg_from_rgb(&picture()).unwrap();
+        for length in 0..bytes.len() {
+            assert!(check(&bytes[..length]).is_err(), "{length} bytes");
+        }
+    }
+
+    /// Lost and random bytes in the compressed data: nearly all are seen (a stream of valid codes with the right number of blocks
+    /// is a valid file, whatever it shows), and nothing panics.
+    #[test]
+    fn garbled_data_are_seen() {
+        let bytes = jpeg_from_rgb(&picture()).unwrap();
+        let header = bytes.windows(2).position(|w| w == [0xff, 0xda]).unwrap() + 14;
+        let mut state = 7_u32;
+        let mut draw = |below: usize| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as usize % below
+        };
+        let mut seen = [0; 2];
+        for _ in 0..200 {
+            let at = header + draw(bytes.len() - header - 600);
+            let mut lost = bytes.clone();
+            lost.drain(at..at + 500);
+            seen[0] += usize::from(check(&lost).is_err());
+            let mut random = bytes.clone();
+            random[at..at + 500].fill_with(|| draw(256) as u8);
+            seen[1] += usize::from(check(&random).is_err());
+            let _ = rgb_from_jpeg(&random);
+        }
+        assert!(seen[0] >= 198 && seen[1] >= 190, "{seen:?} of 200");
+    }
+}
