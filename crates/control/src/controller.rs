@@ -122,6 +122,8 @@ struct Ramp {
     duration_s: f64,
     /// Left and right, rad.
     from: [f64; 2],
+    /// Electronic shift of the left and right picture, px, which fades away meanwhile.
+    shift_from_px: [f64; 2],
 }
 
 /// What one step wants of the loads.
@@ -273,7 +275,8 @@ impl Controller {
         trusted(field, d.direction_rad, s.direction_deviation_max_rad)?;
         let field = "deviation of the vergence in rad";
         trusted(field, d.vergence_rad, s.vergence_deviation_max_rad)?;
-        if self.target.is_none_or(|t| estimate.seen_s >= t.seen_s) {
+        // The newest estimate counts even when the sighting that it rests on is an older one: then the newer sighting was taken back.
+        if self.target.is_none_or(|t| estimate.time_s >= t.time_s) {
             self.target = Some(*estimate);
         }
         Ok(())
@@ -386,9 +389,20 @@ impl Controller {
         let way = (from[0] - goal).abs().max((from[1] + goal).abs());
         Ramp {
             start_s,
-            duration_s: (MINIMUM_JERK_PEAK * way / self.settings.park_speed_rad_s).max(0.1),
+            duration_s: (MINIMUM_JERK_PEAK * way / self.settings.park_speed_rad_s)
+                .max(self.shift_fade_s())
+                .max(0.1),
             from,
+            shift_from_px: self.shift_px,
         }
+    }
+
+    /// Time in which the pictures glide back as fast as parking axes would turn them, s.
+    fn shift_fade_s(&self) -> f64 {
+        let [left, right] = self.shift_px.map(f64::abs);
+        MINIMUM_JERK_PEAK * left.max(right)
+            / self.settings.focal_px
+            / self.settings.park_speed_rad_s
     }
 
     fn park(&mut self, now_s: f64) -> ControlOutput {
@@ -401,6 +415,7 @@ impl Controller {
             -self.settings.park_vergence_rad,
         ];
         let (part, slope) = minimum_jerk((at_s - ramp.start_s) / ramp.duration_s);
+        self.shift_px = ramp.shift_from_px.map(|px| (1.0 - part) * px);
         let [left, right] = [0, 1].map(|i| {
             let way = goals[i] - ramp.from[i];
             Moving {

@@ -399,6 +399,48 @@ fn shifted_nulls_electronically() {
     }
 }
 
+/// The shift of the pictures of a lost target does not stay for ever: it glides back to nothing while the rig parks.
+#[test]
+fn shift_of_a_lost_target_fades() {
+    let mut setup = Setup::new(HeadConfig::default(), ModeRequest::Shifted);
+    setup.seen = |t| t < 2.0;
+    let (frames, ..) = run(&setup, 12.0, |_| {
+        (Point3::new(0.0, 0.0, 2.0), Vector3::zeros())
+    });
+    let shift = |f: &Frame| f.out.shift_px[0] - f.out.shift_px[1];
+    let at = |t: f64| frames.iter().find(|f| f.time_s >= t).map(shift).unwrap();
+    assert!(at(1.9).abs() > 40.0, "{}", at(1.9));
+    for pair in frames.windows(2).filter(|p| p[0].time_s > 2.0) {
+        let step = (shift(&pair[1]) - shift(&pair[0])).abs();
+        assert!(step < 5.0, "jumps by {step} px at {} s", pair[1].time_s);
+    }
+    assert_eq!(at(11.9), 0.0);
+}
+
+/// A sighting that is taken back: the estimate then rests on an older sighting, and it is that estimate that counts.
+#[test]
+fn the_newest_estimate_counts_not_the_newest_sighting() {
+    let setup = Setup::new(HeadConfig::default(), ModeRequest::Converged);
+    let head = SimulatedHead::homed(&setup.head, 0.0).unwrap();
+    let mut controller = Controller::new(setup.settings.clone(), RIG, setup.head.limits()).unwrap();
+    let readings = head.readings(0.0).unwrap();
+    let estimate = |time_s: f64, seen_s: f64, z: f64| TargetEstimate {
+        time_s,
+        seen_s,
+        position_in_base: Point3::new(0.0, 0.0, z),
+        velocity_in_base: Vector3::zeros(),
+        covariance: Matrix6::zeros(),
+    };
+    controller.step(0.0, Some(&estimate(0.0, 0.0, 4.0)), &readings);
+    let phantom = controller.step(0.1, Some(&estimate(0.1, 0.1, 2.0)), &readings);
+    assert_eq!(phantom.distance_m, Some(2.0));
+    let back = controller.step(0.13, Some(&estimate(0.13, 0.0, 4.0)), &readings);
+    assert_eq!(back.distance_m, Some(4.0));
+    // An estimate for an earlier time is late, whatever it rests on.
+    let late = controller.step(0.16, Some(&estimate(0.05, 0.05, 3.0)), &readings);
+    assert_eq!(late.distance_m, Some(4.0));
+}
+
 /// Estimates that are no numbers, readings that are none, and time that runs backwards: nothing jumps, the fault is named, the loop goes on.
 #[test]
 fn faults_never_make_it_jump() {

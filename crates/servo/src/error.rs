@@ -21,6 +21,18 @@ pub enum ServoError {
         /// Height of the camera.
         want_h: usize,
     },
+    /// The cameras' pictures are too small to follow anybody in them.
+    #[error(
+        "the {eye} camera's pictures are {width} x {height} pixels; at least 64 x 64 are needed"
+    )]
+    PictureTooSmall {
+        /// Which eye.
+        eye: &'static str,
+        /// Width, px.
+        width: usize,
+        /// Height, px.
+        height: usize,
+    },
     /// The cameras move, but there are no motors, or the other way round.
     #[error("{0}")]
     Rigging(&'static str),

@@ -54,6 +54,13 @@ impl Expectation {
         }
     }
 
+    /// The target turned out to be elsewhere by `way`: its pace stays, its places move along.
+    pub(crate) fn shift(&mut self, way: Vector3<f64>) {
+        for (_, place) in &mut self.trail {
+            *place += way;
+        }
+    }
+
     /// The target's expected state at `at_s`; `None` when the filter has nothing.
     pub(crate) fn at(&self, filter: &TargetFilter, at_s: f64) -> Option<TargetEstimate> {
         let mut estimate = filter.predict(at_s).ok()?;

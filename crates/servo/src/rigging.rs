@@ -3,9 +3,10 @@
 use nalgebra::Isometry3;
 use vergence_capture::StereoFrame;
 use vergence_control::{
-    AxisReading, BoxedAxis, ControlOutput, Controller, LoadObserver, TargetEstimate,
+    AxisError, AxisReading, BoxedAxis, ControlOutput, Controller, LoadObserver, TargetEstimate,
 };
 use vergence_geometry::{Eye, HeadAngles, HeadGeometry};
+use vergence_track::filter::TargetEstimate as TrackEstimate;
 
 use crate::error::ServoError;
 
@@ -23,7 +24,11 @@ pub struct Motors {
     axes: [BoxedAxis; 4],
     controller: Controller,
     observer: LoadObserver,
+    zero_sigma_rad: f64,
 }
+
+/// How well a vergence axis finds its zero by default, rad (0.005°): the repeatability of a homing switch.
+const ZERO_SIGMA_RAD: f64 = 0.005 * std::f64::consts::PI / 180.0;
 
 /// Where everything stood when a pair was taken.
 pub(crate) struct Stance {
@@ -35,6 +40,19 @@ pub(crate) struct Stance {
 }
 
 impl Rigging {
+    /// `estimate` with what is not known of the rig itself in its covariance: a bias that no filter sees.
+    pub(crate) fn honest(&self, mut estimate: TrackEstimate) -> TrackEstimate {
+        if let Rigging::Motors(motors) = self {
+            let place = estimate.position_in_base.coords;
+            let distance_m = place.norm();
+            let along = place / distance_m.max(1e-6);
+            let variance = motors.zero_sigma_m(distance_m).powi(2);
+            let mut position = estimate.covariance.fixed_view_mut::<3, 3>(0, 0);
+            position += along * along.transpose() * variance;
+        }
+        estimate
+    }
+
     /// Where the cameras stood at the two capture times of a pair, by the step counters.
     pub(crate) fn stance_at(&mut self, pair: &StereoFrame) -> Result<Stance, ServoError> {
         match self {
@@ -63,7 +81,22 @@ impl Motors {
             axes,
             controller,
             observer: LoadObserver::new(backlash_rad),
+            zero_sigma_rad: ZERO_SIGMA_RAD,
         }
+    }
+
+    /// With vergence axes whose zeros are known to `sigma_rad` each (one deviation; 0.005° unless this is called).
+    pub fn with_zero_sigma(mut self, sigma_rad: f64) -> Self {
+        self.zero_sigma_rad = sigma_rad;
+        self
+    }
+
+    /// Deviation of the distance of a target `distance_m` away that follows from the unknown zeros of the two vergence axes, m:
+    /// `z² / t · σ √2`. It does not average out, and it does not disturb convergence, in which it cancels.
+    fn zero_sigma_m(&self, distance_m: f64) -> f64 {
+        distance_m * distance_m / self.geometry.interaxial_m
+            * self.zero_sigma_rad
+            * std::f64::consts::SQRT_2
     }
 
     /// Once per pair, in order of time: the observer of the play has a memory.
@@ -121,16 +154,24 @@ impl Motors {
         now_s: f64,
     ) -> Result<ControlOutput, ServoError> {
         let output = self.controller.step(now_s, target, readings);
-        for result in output.apply(&mut self.axes, now_s) {
-            result?;
+        if let Some(error) = first_error(output.apply(&mut self.axes, now_s)) {
+            // One axis that fails leaves no rig to follow with: the others stop too, whatever they answer.
+            let _ = self.hold(now_s);
+            return Err(error);
         }
         Ok(output)
     }
 
+    /// Stop every axis, whatever the others answer; the first refusal is told.
     pub(crate) fn hold(&mut self, now_s: f64) -> Result<(), ServoError> {
-        for axis in &mut self.axes {
-            axis.hold(now_s)?;
-        }
-        Ok(())
+        let results = self.axes.each_mut().map(|axis| axis.hold(now_s));
+        first_error(results).map_or(Ok(()), Err)
     }
+}
+
+fn first_error(results: [Result<(), AxisError>; 4]) -> Option<ServoError> {
+    results
+        .into_iter()
+        .find_map(Result::err)
+        .map(ServoError::from)
 }

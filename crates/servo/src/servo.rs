@@ -1,6 +1,6 @@
 //! One step of the loop after another.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Isometry3, Matrix2, Vector2};
 use vergence_capture::{SourceInfo, StereoFrame};
 use vergence_control::{ControlOutput, TargetEstimate as ControlTarget};
 use vergence_geometry::{Camera, Eye};
@@ -28,7 +28,10 @@ use crate::wide::{is_wide, look};
 /// Levels of the pyramids: 64 x 48 pixels at the top of 1024 x 768.
 const LEVELS: usize = 5;
 
-/// A target whose last accepted measurement is older than this was out of sight, s: a few frames.
+/// Least width and height of a picture: the pyramid's top has 4 x 4 pixels then.
+const LEAST_SIDE_PX: usize = 64;
+
+/// A target whose last sighting is older than this was out of sight, s: a few frames.
 const IN_SIGHT_S: f64 = 0.1;
 
 /// How far from where it was expected a target may be seen again, m: along the line of sight, where false matches between the eyes
@@ -66,6 +69,8 @@ pub struct Servo {
     before: Option<(TargetFilter, Expectation)>,
     /// Sightings that were not believed.
     claims: Claims,
+    /// When the target was last seen and believed.
+    sighted_s: f64,
     /// Set when the cameras stand too wide for patches of one to be found in the other.
     wide: Option<TwoViewTracker>,
     wide_state: FollowState,
@@ -96,6 +101,12 @@ impl Servo {
                 ));
             }
             _ => {}
+        }
+        for (camera, eye) in info.cameras.iter().zip(["left", "right"]) {
+            let (width, height) = (camera.intrinsics.width, camera.intrinsics.height);
+            if width < LEAST_SIDE_PX || height < LEAST_SIDE_PX {
+                return Err(ServoError::PictureTooSmall { eye, width, height });
+            }
         }
         let follower = match settings.target {
             Some(target) => Follower::with_target(settings.follow, target),
@@ -130,6 +141,7 @@ impl Servo {
             expectation: Expectation::default(),
             before: None,
             claims: Claims::default(),
+            sighted_s: f64::NEG_INFINITY,
         })
     }
 
@@ -146,9 +158,12 @@ impl Servo {
             return self.step_wide(pair, &stance, now_s, times);
         }
         let mut report = times.timed(Stage::Track, || self.follow(&stance, capture_s))?;
+        if report.state == FollowState::Searching {
+            self.forget();
+        }
         let measured = times.timed(Stage::Measure, || {
             let sighting = report.sighting?;
-            let (measured, note) = self.measure(&stance, &sighting, capture_s);
+            let (measured, note) = self.measure(&stance, &sighting, pair);
             if self.is_plausible(&sighting, measured.as_ref(), capture_s)
                 || self.is_claimed(measured.as_ref(), capture_s)
             {
@@ -169,6 +184,7 @@ impl Servo {
                 .as_ref()
                 .and_then(|s| self.believe(&stance, s, measured.as_ref(), capture_s));
             let estimate = self.expectation.at(&self.filter, capture_s);
+            let estimate = estimate.map(|e| self.rigging.honest(e));
             let aim = self.expectation.at(&self.filter, now_s);
             let control = self.drive(&stance, aim.as_ref(), now_s)?;
             Ok::<_, ServoError>((update, estimate, aim, control))
@@ -212,13 +228,15 @@ impl Servo {
             look(tracker, views, &self.cameras, pair, before)
         })?;
         self.wide_state = sight.state;
+        if matches!(sight.state, FollowState::Searching | FollowState::Lost) {
+            self.forget();
+        }
         let (update, estimate, aim) = times.timed(Stage::Control, || {
             if sight
                 .sighting
                 .is_some_and(|s| s.kind == SightingKind::Found)
             {
-                self.filter.reset();
-                self.expectation.reset();
+                self.forget();
             }
             let update = sight
                 .observation
@@ -246,6 +264,14 @@ impl Servo {
             mode_change: None,
             times,
         })
+    }
+
+    /// There is no target any more.
+    fn forget(&mut self) {
+        self.filter.reset();
+        self.expectation.reset();
+        self.before = None;
+        self.sighted_s = f64::NEG_INFINITY;
     }
 
     /// Note where the target was, when the filter took a measurement of this moment.
@@ -316,13 +342,15 @@ impl Servo {
         &mut self,
         stance: &Stance,
         sighting: &Sighting,
-        capture_s: f64,
+        pair: &StereoFrame,
     ) -> (Option<Measurement>, Option<RangeNote>) {
+        let capture_s = pair.capture_s();
         let prior = self.depth_prior(stance, sighting, capture_s);
+        let poses = self.poses_for_a_moving_target(stance, sighting, pair);
         let views = [0, 1].map(|eye| measure::View {
             pyramid: &self.pictures[eye].pyramid,
             camera: &self.cameras[eye],
-            base_from_cam: &stance.base_from_cam[eye],
+            base_from_cam: &poses[eye],
         });
         let region = Region {
             centre_px: sighting.anchor_px,
@@ -339,6 +367,28 @@ impl Servo {
                 nearer_fraction,
             });
         (found.and_then(|f| measurement(stance, sighting, &f)), note)
+    }
+
+    /// Poses from which a target that stood still would look as the moving one does in two pictures of slightly different times: each
+    /// lens is moved against the target's way since the pair's time. Else the way between the exposures would count as disparity.
+    fn poses_for_a_moving_target(
+        &self,
+        stance: &Stance,
+        sighting: &Sighting,
+        pair: &StereoFrame,
+    ) -> [Isometry3<f64>; 2] {
+        let mut poses = stance.base_from_cam;
+        if sighting.kind == SightingKind::Found {
+            return poses;
+        }
+        let Some(expected) = self.expectation.at(&self.filter, pair.capture_s()) else {
+            return poses;
+        };
+        for eye in Eye::BOTH {
+            let later_s = pair.of(eye).capture_s - pair.capture_s();
+            poses[eye as usize].translation.vector -= expected.velocity_in_base * later_s;
+        }
+        poses
     }
 
     /// What is known of the target's inverse depth in the left camera before the pair is looked at: the filter's prediction,
@@ -382,8 +432,10 @@ impl Servo {
         measured: Option<&Measurement>,
         capture_s: f64,
     ) -> bool {
-        let expected = self.expectation.at(&self.filter, capture_s);
-        let Some(expected) = expected.filter(|e| e.unseen_s > IN_SIGHT_S) else {
+        if capture_s - self.sighted_s <= IN_SIGHT_S {
+            return true;
+        }
+        let Some(expected) = self.expectation.at(&self.filter, capture_s) else {
             return true;
         };
         if sighting.kind == SightingKind::Found {
@@ -414,6 +466,7 @@ impl Servo {
                 if let Some((filter, expectation)) = self.before.take() {
                     self.filter = filter;
                     self.expectation = expectation;
+                    self.sighted_s = self.filter.last_used_s().unwrap_or(f64::NEG_INFINITY);
                 }
             }
             Some(_) if !self.follower.on_probation() => self.before = None,
@@ -433,9 +486,10 @@ impl Servo {
         capture_s: f64,
     ) -> Option<Update> {
         if sighting.kind == SightingKind::Found {
-            self.filter.reset();
-            self.expectation.reset();
+            self.forget();
         }
+        let hidden = capture_s - self.sighted_s > IN_SIGHT_S;
+        self.sighted_s = capture_s;
         let sight = match measured {
             Some(measurement) => measurement.sight,
             None => self.direction(stance, sighting)?,
@@ -444,16 +498,17 @@ impl Servo {
             time_s: capture_s,
             sight,
         };
-        let hidden = self
-            .expectation
-            .at(&self.filter, capture_s)
-            .is_some_and(|e| e.unseen_s > IN_SIGHT_S);
         let mut update = self.filter.observe(&seen).ok()?;
         if hidden && measured.is_some() && update.verdict == Verdict::Rejected {
-            // It was hidden, and is where a walker can be: the filter's own idea of where it went is the older one. The trail stays:
-            // what it says of the pace is all that is left when the target soon hides again.
+            // It was hidden, and is where a walker can be: the filter's own idea of where it went is the older one. The pace on the
+            // trail stays: it is all that is left when the target soon hides again.
+            let expected = self.expectation.at(&self.filter, capture_s);
             self.filter.reset();
             update = self.filter.observe(&seen).ok()?;
+            if let (Some(expected), Ok(place)) = (expected, self.filter.predict(capture_s)) {
+                self.expectation
+                    .shift(place.position_in_base - expected.position_in_base);
+            }
         }
         self.remember(capture_s);
         Some(update)

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use super::Follower;
 use super::matching::Match;
+use super::wander::Wander;
 use crate::appearance::Appearance;
 use crate::belief::Belief;
 use crate::correlation::Correlator;
@@ -45,6 +46,7 @@ pub(super) struct Undo {
     seen_s: f64,
     rangeable: f64,
     unranged: u32,
+    wander: Wander,
 }
 
 impl Undo {
@@ -58,6 +60,7 @@ impl Undo {
             seen_s: follower.seen_s,
             rangeable: follower.rangeable,
             unranged: follower.unranged,
+            wander: follower.wander,
         }
     }
 
@@ -75,6 +78,7 @@ impl Undo {
         follower.seen_s = self.seen_s;
         follower.rangeable = self.rangeable;
         follower.unranged = self.unranged;
+        follower.wander = self.wander;
     }
 }
 
