@@ -24,10 +24,8 @@ pub enum CalibError {
         path: PathBuf,
     },
     /// The file is larger than any calibration.
-    #[error("a calibration file of {bytes} bytes is too large (at most {limit} bytes)")]
+    #[error("the file has more than {limit} bytes, which no calibration has")]
     TooLarge {
-        /// Its size.
-        bytes: u64,
         /// [`crate::MAX_FILE_BYTES`].
         limit: u64,
     },

@@ -70,7 +70,6 @@ fn read_text(path: &Path) -> Result<String, CalibError> {
     };
     if bytes.len() as u64 > MAX_FILE_BYTES {
         return Err(in_file(CalibError::TooLarge {
-            bytes: std::fs::metadata(path).map_or(bytes.len() as u64, |m| m.len()),
             limit: MAX_FILE_BYTES,
         }));
     }

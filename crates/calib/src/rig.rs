@@ -14,6 +14,17 @@ const BASELINE_M: std::ops::RangeInclusive<f64> = 1e-5..=1e4;
 /// How far a rotation matrix in a file may be from a rotation (largest entry of `R Rᵀ - 1`): files carry 4 digits or more.
 const ROTATION_TOLERANCE: f64 = 2e-3;
 
+/// Focal lengths that are believed, in longer sides of the picture: a fisheye of over 150 degrees (which these lens models do not
+/// describe) has 0.1, a telescope of half a degree 100.
+const FOCAL_IN_SIDES: std::ops::RangeInclusive<f64> = 0.1..=100.0;
+
+/// Share of the picture that must have viewing rays. Factory polynomials of real modules fold near the border and leave a tenth
+/// without; a lens without rays over half of its picture is not the one that took it.
+const LEAST_SHARE_WITH_RAYS: f64 = 0.5;
+
+/// Places across and down the picture at which rays are tried.
+const RAY_GRID: [usize; 2] = [33, 25];
+
 /// One camera of a rig, standing in any frame common to both.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraPose {
@@ -41,7 +52,7 @@ pub struct RigCalibration {
     pub names: [String; 2],
     /// The file they came from, if any.
     pub source: Option<std::path::PathBuf>,
-    /// Remarks, such as "OAK-D, board revision R1M0E1".
+    /// Remarks for the user, such as "OAK-D, board revision R1M0E1" or that a part of a picture has no viewing rays.
     pub notes: Vec<String>,
 }
 
@@ -49,12 +60,13 @@ impl RigCalibration {
     /// A rig from its two cameras in any common frame.
     ///
     /// # Errors
-    /// Numbers that are not finite, a focal length or a picture size that is not positive, a baseline of zero,
+    /// Numbers that are not finite, a picture size that is not positive, a focal length, a principal point or a
+    /// distortion that no lens has (over half of the picture must have viewing rays), a baseline of zero,
     /// cameras that look along their baseline or away from each other, and left and right exchanged (the base's y would
     /// point up in the pictures).
     pub fn from_poses(left: CameraPose, right: CameraPose) -> Result<Self, CalibError> {
-        check_camera(&left)?;
-        check_camera(&right)?;
+        let mut notes = check_camera(&left)?;
+        notes.extend(check_camera(&right)?);
         let base_from_rig = base_from_rig(&left.rig_from_cam, &right.rig_from_cam)?;
         Ok(Self {
             cameras: [left.camera, right.camera],
@@ -64,7 +76,7 @@ impl RigCalibration {
             ],
             names: [left.name, right.name],
             source: None,
-            notes: Vec::new(),
+            notes,
         })
     }
 
@@ -124,7 +136,8 @@ pub(crate) fn index(eye: Eye) -> usize {
     }
 }
 
-fn check_camera(pose: &CameraPose) -> Result<(), CalibError> {
+/// Whether a camera can be what its numbers say; remarks on what is unusual.
+fn check_camera(pose: &CameraPose) -> Result<Vec<String>, CalibError> {
     let refuse = |reason: String| {
         Err(CalibError::Camera {
             camera: pose.name.clone(),
@@ -154,17 +167,74 @@ fn check_camera(pose: &CameraPose) -> Result<(), CalibError> {
             ));
         }
     }
-    let longest = MAX_SIDE as f64 * 100.0;
-    if !(k.fx > 0.0 && k.fy > 0.0 && k.fx < longest && k.fy < longest) {
+    let (w, h) = (k.width as f64, k.height as f64);
+    let (shortest, longest) = (
+        FOCAL_IN_SIDES.start() * w.max(h),
+        FOCAL_IN_SIDES.end() * w.max(h),
+    );
+    if !((shortest..=longest).contains(&k.fx) && (shortest..=longest).contains(&k.fy)) {
         return refuse(format!(
-            "its focal lengths are {} and {} px; they must be positive",
-            k.fx, k.fy
+            "its focal lengths are {} and {} px; for pictures of {w}x{h} they must lie in {shortest}..={longest} px",
+            brief(k.fx),
+            brief(k.fy)
         ));
     }
-    if k.cx.abs() > longest || k.cy.abs() > longest {
-        return refuse(format!("its principal point is ({}, {}) px", k.cx, k.cy));
+    let near = |c: f64, side: f64| (-side..=2.0 * side).contains(&c);
+    if !(near(k.cx, w) && near(k.cy, h)) {
+        return refuse(format!(
+            "its principal point is ({}, {}) px, more than a picture beside the picture of {w}x{h}",
+            brief(k.cx),
+            brief(k.cy)
+        ));
     }
-    Ok(())
+    let share = share_with_rays(&pose.camera);
+    if share < LEAST_SHARE_WITH_RAYS {
+        return refuse(format!(
+            "its distortion cannot be undone over {:.0} % of the picture; the coefficients cannot be those of this lens",
+            100.0 * (1.0 - share)
+        ));
+    }
+    let mut notes = Vec::new();
+    if share < 1.0 {
+        notes.push(format!(
+            "camera {}: the distortion cannot be undone over {:.1} % of the picture; nothing is measured there",
+            pose.name,
+            100.0 * (1.0 - share)
+        ));
+    }
+    Ok(notes)
+}
+
+/// A number as a person reads it, however large.
+fn brief(v: f64) -> String {
+    if v != 0.0 && !(1e-3..1e6).contains(&v.abs()) {
+        format!("{v:e}")
+    } else {
+        v.to_string()
+    }
+}
+
+/// Share of the picture whose pixels have viewing rays, by a grid that includes the corners; 0 when there are none around the
+/// principal point.
+fn share_with_rays(camera: &Camera) -> f64 {
+    let k = &camera.intrinsics;
+    let has_ray = |u: f64, v: f64| camera.normalized_from_pixel(&Point2::new(u, v)).is_some();
+    let (du, dv) = (0.01 * k.fx, 0.01 * k.fy);
+    let around = [(0.0, 0.0), (du, 0.0), (-du, 0.0), (0.0, dv), (0.0, -dv)];
+    if !around.iter().all(|(u, v)| has_ray(k.cx + u, k.cy + v)) {
+        return 0.0;
+    }
+    let [across, down] = RAY_GRID;
+    let place = |i: usize, n: usize, side: usize| i as f64 / (n - 1) as f64 * (side as f64 - 1.0);
+    let with = (0..across * down)
+        .filter(|i| {
+            has_ray(
+                place(i % across, across, k.width),
+                place(i / across, down, k.height),
+            )
+        })
+        .count();
+    with as f64 / (across * down) as f64
 }
 
 /// The rectified frame; see [`RigCalibration`].

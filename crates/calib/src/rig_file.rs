@@ -86,7 +86,9 @@ pub(crate) fn rig_from_toml(
         });
     }
     let mut rig = RigCalibration::from_poses(pose(file.left)?, pose(file.right)?)?;
-    rig.notes = file.notes;
+    // What was found out just now stands in a file that was written by us already.
+    rig.notes.retain(|note| !file.notes.contains(note));
+    rig.notes.splice(0..0, file.notes);
     Ok(rig)
 }
 
@@ -161,7 +163,11 @@ impl RigCalibration {
         };
         let mut partial = path.as_os_str().to_owned();
         partial.push(".partial");
-        std::fs::write(&partial, text).map_err(io)?;
-        std::fs::rename(&partial, path).map_err(io)
+        let written = std::fs::write(&partial, text).and_then(|()| std::fs::rename(&partial, path));
+        if written.is_err() {
+            // It may not even have been created; the first failure is the one to tell.
+            let _ = std::fs::remove_file(&partial);
+        }
+        written.map_err(io)
     }
 }

@@ -254,7 +254,7 @@ fn depthai_refusals() {
             None,
             "JSON without \"cameraData\"",
         ),
-        (good.replace("808.25", "-808.25"), None, "must be positive"),
+        (good.replace("808.25", "-808.25"), None, "must lie in"),
         (
             good.replace("-7.5", "0")
                 .replace("0.2", "0")
@@ -451,10 +451,7 @@ fn toml_refusals() {
             good.replace("fx_px = 808.25", "fx_px = nan"),
             "not a number to calculate with",
         ),
-        (
-            good.replace("fx_px = 808.25", "fx_px = 0.0"),
-            "must be positive",
-        ),
+        (good.replace("fx_px = 808.25", "fx_px = 0.0"), "must lie in"),
         (
             good.replace("width_px = 1280", "width_px = -3"),
             "TOML calibration cannot be read",
@@ -472,6 +469,51 @@ fn toml_refusals() {
     }
     let wrong = RigCalibration::parse(&good, Some(["east", "west"])).unwrap_err();
     assert!(matches!(wrong, CalibError::ChooseCameras { .. }));
+}
+
+/// Numbers that no lens has are refused: focal lengths and principal points far from the picture, and distortions that leave over
+/// half of the picture without viewing rays. Where a smaller part has none, that is said and survives being written and read.
+#[test]
+fn impossible_lenses_are_refused() {
+    let with = |change: fn(&mut Camera)| {
+        let mut left = pose("west", [0.0; 3], [-0.1, 0.0, 0.0]);
+        change(&mut left.camera);
+        RigCalibration::from_poses(left, pose("east", [0.0; 3], [0.1, 0.0, 0.0]))
+    };
+    let changes: [(fn(&mut Camera), &str); 7] = [
+        (|c| c.distortion.k1 = -9.0, "cannot be undone over"),
+        (|c| c.distortion.k2 = -1e9, "cannot be undone over"),
+        (|c| c.distortion.p1 = 1e4, "cannot be undone over"),
+        (|c| c.intrinsics.cx = 3e6, "principal point is (3e6, "),
+        (|c| c.intrinsics.cy = -801.0, "more than a picture beside"),
+        (|c| c.intrinsics.fx = 1e-200, "focal lengths are 1e-200"),
+        (|c| c.intrinsics.fy = 1e6, "must lie in 128..=128000 px"),
+    ];
+    for (change, expected) in changes {
+        let error = with(change).unwrap_err().to_string();
+        assert!(error.contains(expected), "{expected:?} is not in {error:?}");
+    }
+    assert!(with(|_| {}).unwrap().notes.is_empty());
+    // Off-axis parts of a larger picture keep their principal point outside.
+    assert!(with(|c| c.intrinsics.cx = -300.0).is_ok());
+
+    // k1 = -0.4 folds at r = 0.913, where the distorted radius is 0.609: the corners at 0.93 have no rays.
+    let rig = with(|c| {
+        c.distortion = Distortion {
+            k1: -0.4,
+            ..Distortion::NONE
+        }
+    })
+    .unwrap();
+    assert!(
+        rig.notes.len() == 1 && rig.notes[0].starts_with("camera west: the distortion cannot be"),
+        "{:?}",
+        rig.notes
+    );
+    let mut noted = rig;
+    noted.notes.insert(0, "on the ceiling".to_owned());
+    let back = RigCalibration::parse(&noted.to_toml().unwrap(), None).unwrap();
+    assert_eq!(back.notes, noted.notes);
 }
 
 /// Cameras that make no stereo rig are refused.
@@ -544,5 +586,10 @@ fn unreadable_files_are_named() {
         }
         let error = RigCalibration::read(&path, None).unwrap_err().to_string();
         assert!(error.ends_with(&format!(": {}", path.display())), "{error}");
+    }
+    let endless = std::path::Path::new("/dev/zero");
+    if endless.exists() {
+        let error = RigCalibration::read(endless, None).unwrap_err().to_string();
+        assert!(error.contains("more than 4194304 bytes"), "{error}");
     }
 }
