@@ -475,12 +475,13 @@ fn toml_refusals() {
 /// half of the picture without viewing rays. Where a smaller part has none, that is said and survives being written and read.
 #[test]
 fn impossible_lenses_are_refused() {
-    let with = |change: fn(&mut Camera)| {
+    type Change = fn(&mut Camera);
+    let with = |change: Change| {
         let mut left = pose("west", [0.0; 3], [-0.1, 0.0, 0.0]);
         change(&mut left.camera);
         RigCalibration::from_poses(left, pose("east", [0.0; 3], [0.1, 0.0, 0.0]))
     };
-    let changes: [(fn(&mut Camera), &str); 7] = [
+    let changes: [(Change, &str); 7] = [
         (|c| c.distortion.k1 = -9.0, "cannot be undone over"),
         (|c| c.distortion.k2 = -1e9, "cannot be undone over"),
         (|c| c.distortion.p1 = 1e4, "cannot be undone over"),

@@ -24,6 +24,9 @@ pub const DEFAULT_FPS: f64 = 30.0;
 /// Highest frame rate that is believed, 1/s.
 pub const MAX_FPS: f64 = 10_000.0;
 
+/// So many frames more on one side when the other has ended are no longer the end of one recording.
+const GOES_ON_AFTER: usize = 3;
+
 /// What to do about a fault in the input that could be passed over.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -45,8 +48,8 @@ pub struct FilesConfig {
     /// The right pictures, likewise.
     pub right: PathBuf,
     /// Frames per second, 0 < fps <= [`MAX_FPS`]. A picture whose name holds the number n (the last one in the name) was taken
-    /// n / fps seconds after the start; [`DEFAULT_FPS`] when `None`. A video knows its own rate, and a value that
-    /// contradicts it is an error.
+    /// n / fps seconds after the start; when `None`, the rate of the video beside them or else [`DEFAULT_FPS`]. A video knows
+    /// its own rate, and a value that contradicts it is an error.
     pub fps: Option<f64>,
     /// What to do with a picture whose number the other side does not have.
     pub unpaired: OnFault,
@@ -75,7 +78,7 @@ impl Default for FilesConfig {
 /// Left and right are decoded ahead, each by a thread of its own, and paired by time. What can be checked is checked before
 /// the first pair is passed: that every picture has its partner, that all have one size (from their headers), that
 /// the calibration fits it. `arrival_s` of a frame is its `capture_s`: a recording does not say what came between. The pairs
-/// end with the shorter of two videos.
+/// end with the shorter of two videos, and [`FilesSource::remarks`] says so.
 #[derive(Debug)]
 pub struct FilesSource {
     info: SourceInfo,
@@ -85,6 +88,7 @@ pub struct FilesSource {
     pairer: Pairer<Option<Rgb>>,
     /// Pairs that were not passed since one of their pictures could not be read.
     unreadable_pairs: u64,
+    remarks: Vec<String>,
     passed: u64,
     ended: bool,
 }
@@ -118,9 +122,27 @@ impl FilesSource {
         }
         let mut left = Input::find(&config.left, config)?;
         let mut right = Input::find(&config.right, config)?;
+        let mut remarks = calibration.notes.clone();
         let mut pairs = None;
-        if let (Input::Pictures(l), Input::Pictures(r)) = (&mut left, &mut right) {
-            pairs = Some(l.match_with(r, config.unpaired)? as u64);
+        match (&mut left, &mut right) {
+            (Input::Pictures(l), Input::Pictures(r)) => {
+                // Two pictures that were named one by one belong together, whatever their numbers.
+                if l.is_single() && r.is_single() {
+                    l.count_from_zero();
+                    r.count_from_zero();
+                }
+                let count = l.match_with(r, config.unpaired)?;
+                if config.fps.is_none() && count > 1 {
+                    remarks.push(format!(
+                        "the pictures do not say how fast they were taken: {DEFAULT_FPS} a second are assumed, and every speed \
+                         depends on it"
+                    ));
+                }
+                pairs = Some(count as u64);
+            }
+            (Input::Pictures(list), Input::Video(video))
+            | (Input::Video(video), Input::Pictures(list)) => list.fps = video.fps(),
+            (Input::Video(_), Input::Video(_)) => {}
         }
         let fps = left.fps().max(right.fps());
         let mut streams = [left.open(config)?, right.open(config)?];
@@ -143,6 +165,7 @@ impl FilesSource {
             streams,
             pairer: Pairer::new(PairingLimits::for_fps(fps))?,
             unreadable_pairs: 0,
+            remarks,
             passed: 0,
             ended: false,
         })
@@ -156,6 +179,38 @@ impl FilesSource {
     /// What became of the frames so far.
     pub fn counts(&self) -> &PairingCounts {
         self.pairer.counts()
+    }
+
+    /// What the user should know and may not expect: the calibration's notes, a frame rate that was assumed, and, once the pairs
+    /// have ended, that one input goes on when the other has ended.
+    pub fn remarks(&self) -> &[String] {
+        &self.remarks
+    }
+
+    /// Say so when the stream beside the one that ended goes on.
+    fn remark_on_the_end(&mut self) {
+        let Some(ended) = self.pairer.wants() else {
+            return;
+        };
+        let other = match ended {
+            Eye::Left => Eye::Right,
+            Eye::Right => Eye::Left,
+        };
+        // What waits for a partner counts; a fault of the rest is not one of the pairs.
+        let mut more = self.pairer.waiting();
+        while more < GOES_ON_AFTER {
+            match self.streams[usize::from(other == Eye::Right)].next() {
+                Ok(Some(_)) => more += 1,
+                Ok(None) | Err(_) => return,
+            }
+        }
+        let stream = |eye: Eye| self.streams[usize::from(eye == Eye::Right)].path();
+        self.remarks.push(format!(
+            "{} ended after {} pairs and {} goes on: the rest has no partner",
+            stream(ended).display(),
+            self.passed,
+            stream(other).display()
+        ));
     }
 
     /// Ask the stream that has nothing waiting for its next frame; `false` when it has ended.
@@ -199,6 +254,7 @@ impl FilesSource {
                 }
             }
             if !self.pull()? {
+                self.remark_on_the_end();
                 return Ok(None);
             }
         }
@@ -230,7 +286,7 @@ impl Source for FilesSource {
     }
 
     fn dropped_pairs(&self) -> u64 {
-        self.pairer.counts().dropped_frames() + self.unreadable_pairs
+        self.pairer.counts().lost_pairs + self.unreadable_pairs
     }
 }
 

@@ -56,6 +56,9 @@ pub struct PairingCounts {
     pub overflowed: u64,
     /// Frames whose time is not a finite number.
     pub untimed: u64,
+    /// Moments of which there was a frame in its order, of one stream or of both, and no pair came. Two frames without a
+    /// partner, one of each stream, less than [`PairingLimits::min_separation_s`] apart are one moment.
+    pub lost_pairs: u64,
 }
 
 impl PairingCounts {
@@ -87,6 +90,8 @@ pub struct Pairer<T> {
     /// Mean time of the newest pair passed on, s.
     passed_s: f64,
     counts: PairingCounts,
+    /// The newest frame that lost its partner and has not been taken together with one of the other stream.
+    alone: Option<(Eye, f64)>,
 }
 
 #[derive(Debug)]
@@ -128,6 +133,7 @@ impl<T> Pairer<T> {
             right: Side::new(),
             passed_s: f64::NEG_INFINITY,
             counts: PairingCounts::default(),
+            alone: None,
         })
     }
 
@@ -137,7 +143,23 @@ impl<T> Pairer<T> {
             Eye::Left => &mut self.left,
             Eye::Right => &mut self.right,
         };
-        side.take(capture_s, frame, &self.limits, &mut self.counts);
+        let lost = side.take(capture_s, frame, &self.limits, &mut self.counts);
+        for lost_s in lost {
+            self.lose(eye, lost_s);
+        }
+    }
+
+    /// Count a frame that will have no partner; `eye` is its stream.
+    fn lose(&mut self, eye: Eye, lost_s: f64) {
+        if let Some((other, other_s)) = self.alone
+            && other != eye
+            && (lost_s - other_s).abs() < self.limits.min_separation_s
+        {
+            self.alone = None;
+            return;
+        }
+        self.alone = Some((eye, lost_s));
+        self.counts.lost_pairs += 1;
     }
 
     /// The next pair that has both its frames. Frames that cannot find a partner any more are dropped and counted on
@@ -153,6 +175,7 @@ impl<T> Pairer<T> {
                 let mean_s = (left_s + right_s) / 2.0;
                 if mean_s <= self.passed_s {
                     self.counts.backwards += 2;
+                    self.counts.lost_pairs += 1;
                     continue;
                 }
                 self.passed_s = mean_s;
@@ -165,13 +188,15 @@ impl<T> Pairer<T> {
                 });
             }
             // All later frames of the other stream are later still: the earlier head has no partner.
-            let earlier = if left_s < right_s {
-                &mut self.left
+            let (eye, lost_s) = if left_s < right_s {
+                self.left.waiting.pop_front();
+                (Eye::Left, left_s)
             } else {
-                &mut self.right
+                self.right.waiting.pop_front();
+                (Eye::Right, right_s)
             };
-            earlier.waiting.pop_front();
             self.counts.unpaired += 1;
+            self.lose(eye, lost_s);
         }
     }
 
@@ -189,9 +214,15 @@ impl<T> Pairer<T> {
 
     /// Drop all frames that still wait, as at the end of a stream; they count as unpaired.
     pub fn finish(&mut self) {
-        for side in [&mut self.left, &mut self.right] {
-            self.counts.unpaired += side.waiting.len() as u64;
-            side.waiting.clear();
+        let left = std::mem::take(&mut self.left.waiting);
+        let right = std::mem::take(&mut self.right.waiting);
+        self.counts.unpaired += (left.len() + right.len()) as u64;
+        let mut lost: Vec<(Eye, f64)> = (left.iter().map(|(t, _)| (Eye::Left, *t)))
+            .chain(right.iter().map(|(t, _)| (Eye::Right, *t)))
+            .collect();
+        lost.sort_by(|a, b| a.1.total_cmp(&b.1));
+        for (eye, lost_s) in lost {
+            self.lose(eye, lost_s);
         }
     }
 
@@ -216,33 +247,37 @@ impl<T> Side<T> {
         }
     }
 
+    /// Take a frame in; times of frames that waited and lose their partner by it.
     fn take(
         &mut self,
         capture_s: f64,
         frame: T,
         limits: &PairingLimits,
         counts: &mut PairingCounts,
-    ) {
+    ) -> Vec<f64> {
+        let mut lost = Vec::new();
         if !capture_s.is_finite() {
             counts.untimed += 1;
-            return;
+            return lost;
         }
         let since = capture_s - self.newest_s;
-        if since <= -limits.min_separation_s && !self.recovers(capture_s, limits, counts) {
+        if since <= -limits.min_separation_s && !self.recovers(capture_s, limits, counts, &mut lost)
+        {
             counts.backwards += 1;
-            return;
+            return lost;
         }
         if since.abs() < limits.min_separation_s {
             counts.doubled += 1;
-            return;
+            return lost;
         }
         self.behind = 0;
         self.newest_s = capture_s;
         if self.waiting.len() == limits.queue {
-            self.waiting.pop_front();
+            lost.extend(self.waiting.pop_front().map(|(t, _)| t));
             counts.overflowed += 1;
         }
         self.waiting.push_back((capture_s, frame));
+        lost
     }
 
     /// Whether this frame is one too many that goes backwards; then what waits is stamped wrongly and goes.
@@ -251,6 +286,7 @@ impl<T> Side<T> {
         capture_s: f64,
         limits: &PairingLimits,
         counts: &mut PairingCounts,
+        lost: &mut Vec<f64>,
     ) -> bool {
         let in_order = capture_s - self.behind_s >= limits.min_separation_s;
         self.behind = if self.behind > 0 && in_order {
@@ -263,7 +299,7 @@ impl<T> Side<T> {
             return false;
         }
         counts.unpaired += self.waiting.len() as u64;
-        self.waiting.clear();
+        lost.extend(self.waiting.drain(..).map(|(t, _)| t));
         true
     }
 }

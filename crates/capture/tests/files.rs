@@ -161,6 +161,39 @@ fn names_without_numbers_count_from_zero() {
     assert_eq!((pairs.len(), pairs[0].capture_s()), (1, 0.0));
 }
 
+/// Two pictures that are named themselves are a pair, whatever numbers their names hold.
+#[test]
+fn two_pictures_with_other_numbers_are_a_pair() {
+    let root = tempfile::tempdir().unwrap();
+    write(root.path(), "im0.png", 1, 0);
+    write(root.path(), "im1.png", 2, 1);
+    let config = FilesConfig {
+        left: root.path().join("im0.png"),
+        right: root.path().join("im1.png"),
+        ..FilesConfig::default()
+    };
+    let mut source = FilesSource::open(&config, &rig()).unwrap();
+    assert_eq!(source.remarks(), [""; 0]);
+    let pairs = all(&mut source);
+    assert_eq!((pairs.len(), pairs[0].capture_s()), (1, 0.0));
+    assert_eq!(pairs[0].right.picture, picture(2, 1, 32, 24));
+}
+
+/// A frame rate that nobody gave is said to be assumed, and so are the calibration's notes.
+#[test]
+fn what_is_assumed_is_told() {
+    let root = tempfile::tempdir().unwrap();
+    let mut config = folders(root.path(), &[0, 1], &[0, 1]);
+    let mut noted = rig();
+    noted.notes = vec!["on the ceiling".to_owned()];
+    let source = FilesSource::open(&config, &noted).unwrap();
+    assert_eq!(source.remarks()[0], "on the ceiling");
+    assert!(source.remarks()[1].contains("30 a second are assumed"));
+    config.fps = Some(30.0);
+    let source = FilesSource::open(&config, &noted).unwrap();
+    assert_eq!(source.remarks(), ["on the ceiling"]);
+}
+
 /// Missing partners are listed; with `Skip` they are dropped and counted.
 #[test]
 fn missing_partners() {

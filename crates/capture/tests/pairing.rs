@@ -218,3 +218,26 @@ fn contradictory_limits_are_refused() {
     }
     assert!(Pairer::<()>::new(PairingLimits::for_fps(30.0)).is_ok());
 }
+
+/// Lost pairs are moments, not frames: two frames of one moment that are too far apart count once, a frame without any other counts
+/// once, a doubled frame and the frames of pairs not at all.
+#[test]
+fn lost_pairs_are_moments() {
+    let mut pairer = pairer(LIMITS);
+    // Paired; too far apart; right lost; paired; left lost.
+    for left_s in [0.0, 0.033, 0.066, 0.1, 0.101] {
+        pairer.push(Eye::Left, left_s, 0);
+    }
+    for right_s in [0.001, 0.043, 0.1, 0.133] {
+        pairer.push(Eye::Right, right_s, 0);
+    }
+    let mut pairs = Vec::new();
+    drain(&mut pairer, &mut pairs);
+    pairer.finish();
+    assert_eq!(pairs.len(), 2);
+    let counts = pairer.counts();
+    assert_eq!(
+        (counts.unpaired, counts.doubled, counts.lost_pairs),
+        (4, 1, 3)
+    );
+}

@@ -143,7 +143,55 @@ fn different_rates_pair_by_time() {
     assert!(source.dropped_pairs() >= 7);
 }
 
-/// A video beside a folder of pictures.
+/// A recording that lost frames keeps the times of the others: no frame is paired with another moment's, none is repeated, and only
+/// the lost ones are missing, also where the losses make its average rate another one.
+#[test]
+fn lost_frames_leave_gaps() {
+    if no_ffmpeg() {
+        return;
+    }
+    let root = tempfile::tempdir().unwrap();
+    let lost = |i: u32| i % 40 == 39 || (100..110).contains(&i);
+    let left = video(root.path(), 1, 300, "30", &[]);
+    let drop = "select=not(eq(mod(n\\,40)\\,39)+between(n\\,100\\,109))";
+    let right = video(root.path(), 2, 300, "30", &["-vf", drop]);
+    let mut source = FilesSource::open(&config(left, right), &rig()).unwrap();
+    assert_eq!(source.info().fps, 30.0);
+    let pairs = all(&mut source);
+    let kept: Vec<u32> = (0..300).filter(|i| !lost(*i)).collect();
+    assert_eq!(pairs.len(), kept.len());
+    for (i, pair) in kept.iter().zip(&pairs) {
+        assert!((pair.left.capture_s - f64::from(*i) / 30.0).abs() < 1e-12);
+        assert_eq!(pair.left.capture_s, pair.right.capture_s);
+        assert_eq!(pair.left.picture, picture(1, *i));
+        assert_eq!(pair.right.picture, picture(2, *i));
+    }
+    assert_eq!(source.dropped_pairs(), 17);
+    assert_eq!(source.remarks(), [""; 0]);
+}
+
+/// When one input goes on behind the end of the other, that is said once the pairs have ended; a frame or two more is the usual end.
+#[test]
+fn unequal_lengths_are_told() {
+    if no_ffmpeg() {
+        return;
+    }
+    let root = tempfile::tempdir().unwrap();
+    let left = video(root.path(), 1, 30, "25", &[]);
+    for (eye, count, told) in [(2, 12, true), (3, 28, false)] {
+        let right = video(root.path(), eye, count, "25", &[]);
+        let mut source = FilesSource::open(&config(left.clone(), right), &rig()).unwrap();
+        assert_eq!(all(&mut source).len(), count as usize);
+        let said = source.remarks().join("; ");
+        assert_eq!(
+            said.contains("ended after 12 pairs and"),
+            told,
+            "{count}: {said}"
+        );
+    }
+}
+
+/// A video beside a folder of pictures, which takes the video's rate when none is given.
 #[test]
 fn a_video_pairs_with_a_folder() {
     if no_ffmpeg() {
@@ -153,10 +201,12 @@ fn a_video_pairs_with_a_folder() {
     let left = video(root.path(), 1, 5, "25", &[]);
     video(root.path(), 2, 5, "25", &[]);
     let mut config = config(left, root.path().join("frames2"));
-    config.fps = Some(25.0);
-    let pairs = all(&mut FilesSource::open(&config, &rig()).unwrap());
-    assert_eq!(pairs.len(), 5);
-    assert_eq!(pairs[3].right.picture, picture(2, 3));
+    for fps in [None, Some(25.0)] {
+        config.fps = fps;
+        let pairs = all(&mut FilesSource::open(&config, &rig()).unwrap());
+        assert_eq!(pairs.len(), 5);
+        assert_eq!(pairs[3].right.picture, picture(2, 3));
+    }
 }
 
 /// What can be wrong: a rate that contradicts the video, sizes, a file that is no video, one that breaks off (at once an error, or

@@ -78,6 +78,18 @@ impl PictureList {
         }))
     }
 
+    /// Whether it is one picture that was named itself.
+    pub(crate) fn is_single(&self) -> bool {
+        self.named.is_file()
+    }
+
+    /// Give a single picture the index 0, whatever number its name holds.
+    pub(crate) fn count_from_zero(&mut self) {
+        self.pictures = (0..)
+            .zip(std::mem::take(&mut self.pictures).into_values())
+            .collect();
+    }
+
     /// Keep the indexes that both lists have, and say how many they are.
     ///
     /// # Errors

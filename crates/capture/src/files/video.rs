@@ -1,12 +1,13 @@
 //! Videos, decoded by the program `ffmpeg` and read through a pipe.
 //!
-//! The pipe carries PPM pictures: each says its own size, so a turned or rescaled video cannot be misread. `ffmpeg` is told
-//! to give a constant frame rate, the video's own, so that frame n belongs to n / fps seconds after the start even where
-//! the recording skipped some.
+//! The pipe carries PPM pictures: each says its own size, so a turned or rescaled video cannot be misread. Every frame keeps
+//! the time that the file gives it, counted from the file's start: the filter `showinfo` tells it on standard error while the frame
+//! itself goes through the pipe. Where a recording skipped frames there are none, and nothing is repeated in their place.
 
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -31,12 +32,19 @@ const MAX_ANSWER: u64 = 1 << 20;
 /// Relative difference of two frame rates that are still the same (30 and 30000/1001 are not).
 const SAME_FPS: f64 = 5e-4;
 
+/// How much faster than on average the nominal rate may be: a file whose base rate is far above its average has no even rate.
+const NOMINAL_OVER_AVERAGE: f64 = 1.5;
+
+/// Rate at which frames pass through `ffmpeg`, 1/s. They are renumbered for it, so that it neither repeats nor drops any; their
+/// times are told apart from it.
+const PASSING_FPS: &str = "25";
+
 /// What is known of a video before it is decoded.
 #[derive(Debug)]
 pub(crate) struct Video {
     path: PathBuf,
-    fps_num: u32,
-    fps_den: u32,
+    /// Nominal frame rate: numerator and denominator.
+    rate: (u32, u32),
 }
 
 #[derive(Deserialize)]
@@ -70,7 +78,7 @@ impl Video {
             .args(["-v", "error", "-select_streams", "v:0", "-of", "json"])
             .args(["-show_entries", "stream=avg_frame_rate,r_frame_rate", "-i"])
             .arg(input_name(path));
-        let (child, stdout) = Program::start(command, "ffprobe", path)?;
+        let (child, stdout) = Program::start(command, "ffprobe", path, Listener::Plain)?;
         let _guard = ChildGuard(child.child.clone());
         // Reading is done by a thread, so that a network that says nothing cannot hold us for ever.
         let reader = std::thread::spawn(move || {
@@ -98,13 +106,11 @@ impl Video {
         let stream = answer
             .and_then(|a| a.streams.into_iter().next())
             .ok_or_else(|| refuse("found no video in it".to_owned()))?;
-        let (fps_num, fps_den) = rate(&stream.avg_frame_rate)
-            .or_else(|| rate(&stream.r_frame_rate))
+        let rate = nominal(rate(&stream.r_frame_rate), rate(&stream.avg_frame_rate))
             .ok_or_else(|| refuse("found no frame rate in it".to_owned()))?;
         let video = Self {
             path: path.to_owned(),
-            fps_num,
-            fps_den,
+            rate,
         };
         if let Some(wanted) = wanted_fps
             && (wanted / video.fps() - 1.0).abs() > SAME_FPS
@@ -120,9 +126,9 @@ impl Video {
         Ok(video)
     }
 
-    /// Frames per second.
+    /// Frames per second, nominally: a recording that lost frames has fewer.
     pub(crate) fn fps(&self) -> f64 {
-        f64::from(self.fps_num) / f64::from(self.fps_den)
+        quotient(self.rate)
     }
 
     /// Start decoding.
@@ -132,7 +138,13 @@ impl Video {
         on_unreadable: OnFault,
     ) -> Result<EyeStream, CaptureError> {
         let mut command = Command::new(ffmpeg);
-        command.args(["-nostdin", "-v", "error"]);
+        command.args([
+            "-nostdin",
+            "-hide_banner",
+            "-nostats",
+            "-v",
+            "repeat+level+info",
+        ]);
         // A damaged file is an error; a damaged packet of a live stream is daily life.
         let strict = on_unreadable == OnFault::Refuse && !is_url(&self.path);
         if strict {
@@ -143,7 +155,8 @@ impl Video {
             .arg(input_name(&self.path))
             .args(["-map", "0:v:0", "-an", "-sn", "-dn"])
             .args(["-sws_flags", "accurate_rnd+full_chroma_int+bitexact"])
-            .args(["-r", &format!("{}/{}", self.fps_num, self.fps_den)])
+            .args(["-vf", &format!("{SHOWINFO},settb=1/{PASSING_FPS},setpts=N")])
+            .args(["-r", PASSING_FPS])
             .args([
                 "-f",
                 "image2pipe",
@@ -153,12 +166,15 @@ impl Video {
                 "rgb24",
                 "pipe:1",
             ]);
-        let (program, stdout) = Program::start(command, "ffmpeg", &self.path)?;
+        let (to_decoder, times) = channel();
+        let listener = Listener::Ffmpeg(to_decoder);
+        let (program, stdout) = Program::start(command, "ffmpeg", &self.path, listener)?;
         let guard = ChildGuard(program.child.clone());
         let path = self.path.clone();
         let decoder = VideoDecoder {
             pipe: BufReader::with_capacity(1 << 20, stdout),
             program,
+            times,
             count: 0,
             size: None,
             strict,
@@ -172,6 +188,8 @@ impl Video {
 struct VideoDecoder {
     pipe: BufReader<ChildStdout>,
     program: Program,
+    /// Times of the frames in their order, as they are told.
+    times: Receiver<FrameTime>,
     count: u64,
     size: Option<(usize, usize)>,
     /// Whether a complaint is an error even if the program went on.
@@ -181,45 +199,63 @@ struct VideoDecoder {
 
 impl Decoder for VideoDecoder {
     fn next(&mut self, reuse: Option<Rgb>) -> Result<Option<Timed>, CaptureError> {
-        let read = self.read_picture(reuse);
-        let ended = matches!(read, Ok(None));
-        match read {
+        match self.read_picture(reuse) {
             Ok(Some(picture)) => {
-                let index = self.count as f64;
+                // The time is told before the frame is encoded, so it is on its way.
+                let time = self.times.recv_timeout(ASK_EVERY * ASKS as u32);
+                let Ok(Some(time_s)) = time.map(|t| t.seconds(self.video.rate)) else {
+                    return Err(
+                        self.fault(format!("did not tell when frame {} was taken", self.count))
+                    );
+                };
                 self.count += 1;
                 Ok(Some(Timed {
-                    time_s: index * f64::from(self.video.fps_den) / f64::from(self.video.fps_num),
+                    time_s,
                     picture: Some(picture),
                 }))
             }
-            Ok(None) | Err(_) => {
-                let status = self.program.wait();
-                let last_words = self.program.last_words();
-                let well = ended && status.is_some_and(|s| s.success());
-                if well && (last_words.is_empty() || !self.strict) {
-                    return Ok(None);
+            Ok(None) => self.ended(true),
+            Err(e) => {
+                if e.kind() == std::io::ErrorKind::InvalidData {
+                    // It still has frames to give that nobody will take.
+                    end(&self.program.child);
                 }
-                let reason = match last_words.as_str() {
-                    "" if status.is_none() => {
-                        format!("stopped answering after {} frames", self.count)
-                    }
-                    "" => format!(
-                        "broke off after {} frames without giving a reason",
-                        self.count
-                    ),
-                    words => format!("gave {} frames and complained: {words}", self.count),
-                };
-                Err(CaptureError::Video {
-                    program: "ffmpeg",
-                    reason,
-                    path: self.video.path.clone(),
-                })
+                self.ended(false)
             }
         }
     }
 }
 
 impl VideoDecoder {
+    /// What the end of the pipe means, `clean` between two pictures or not.
+    fn ended(&mut self, clean: bool) -> Result<Option<Timed>, CaptureError> {
+        let status = self.program.wait();
+        let last_words = self.program.last_words();
+        let well = clean && status.is_some_and(|s| s.success());
+        if well && !self.strict {
+            return Ok(None);
+        }
+        let withheld = self.times.try_iter().count();
+        Err(self.fault(match last_words.as_str() {
+            "" if well && withheld == 0 => return Ok(None),
+            "" if well => format!("gave {} frames and withheld {withheld}", self.count),
+            "" if status.is_none() => format!("stopped answering after {} frames", self.count),
+            "" => format!(
+                "broke off after {} frames without giving a reason",
+                self.count
+            ),
+            words => format!("gave {} frames and complained: {words}", self.count),
+        }))
+    }
+
+    fn fault(&self, reason: String) -> CaptureError {
+        CaptureError::Video {
+            program: "ffmpeg",
+            reason,
+            path: self.video.path.clone(),
+        }
+    }
+
     /// One picture, `None` at the end of the stream, an error where it breaks off.
     fn read_picture(&mut self, reuse: Option<Rgb>) -> std::io::Result<Option<Rgb>> {
         if self.pipe.fill_buf()?.is_empty() {
@@ -280,6 +316,7 @@ impl Program {
         mut command: Command,
         name: &'static str,
         path: &Path,
+        listener: Listener,
     ) -> Result<(Self, ChildStdout), CaptureError> {
         let refuse = |reason: String| CaptureError::Video {
             program: name,
@@ -301,7 +338,7 @@ impl Program {
             drop(ChildGuard(child));
             return Err(refuse("was started without pipes".to_owned()));
         };
-        let complaints = std::thread::spawn(move || last_line(stderr));
+        let complaints = std::thread::spawn(move || listener.last_complaint(stderr));
         let program = Self {
             child,
             complaints: Mutex::new(Some(complaints)),
@@ -322,7 +359,7 @@ impl Program {
         None
     }
 
-    /// The last line that the program wrote on its standard error, once and only after it has ended; empty if none.
+    /// The last complaint that the program wrote on its standard error, once and only after it has ended; empty if none.
     fn last_words(&self) -> String {
         let complaints = self
             .complaints
@@ -357,21 +394,99 @@ fn lock(child: &Mutex<Child>) -> std::sync::MutexGuard<'_, Child> {
     child.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn last_line(stderr: impl std::io::Read) -> String {
-    let mut pipe = BufReader::new(stderr);
-    let mut last = String::new();
-    loop {
-        let mut line = Vec::new();
-        match (&mut pipe).take(64 << 10).read_until(b'\n', &mut line) {
-            Ok(0) | Err(_) => return last,
-            Ok(_) => {
-                let line = String::from_utf8_lossy(&line);
-                if !line.trim().is_empty() {
-                    last = line.trim().chars().take(MAX_COMPLAINT).collect();
+/// Name of the filter that tells the frames' times, as it is asked for and as its lines begin; sums of the pixels are left out.
+const SHOWINFO: &str = "showinfo=checksum=0";
+const SHOWINFO_LINE: &str = "[Parsed_showinfo_";
+
+/// The time of a frame as the file gives it: a number of ticks, and how many seconds each has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct FrameTime {
+    ticks: i64,
+    tick: (u32, u32),
+}
+
+impl FrameTime {
+    /// Seconds from the start of the file. Ticks of a millisecond are coarse against a frame's period; within one tick of where an even
+    /// rate has a frame, the frame is there.
+    fn seconds(self, rate: (u32, u32)) -> Option<f64> {
+        let (num, den) = self.tick;
+        let seconds = self.ticks as f64 * f64::from(num) / f64::from(den);
+        let frame = (seconds * f64::from(rate.0) / f64::from(rate.1)).round();
+        let even = frame * f64::from(rate.1) / f64::from(rate.0);
+        let near = (even - seconds).abs() <= quotient(self.tick);
+        Some(if near { even } else { seconds }).filter(|s| s.is_finite())
+    }
+}
+
+/// What is done with a program's standard error.
+enum Listener {
+    /// Every line is a complaint.
+    Plain,
+    /// Lines are marked with their level, and the filter tells times between them.
+    Ffmpeg(Sender<FrameTime>),
+}
+
+impl Listener {
+    /// Listen to the end; the last complaint.
+    fn last_complaint(self, stderr: impl std::io::Read) -> String {
+        let mut pipe = BufReader::new(stderr);
+        let (mut last, mut tick) = (String::new(), None);
+        loop {
+            let mut line = Vec::new();
+            match (&mut pipe).take(64 << 10).read_until(b'\n', &mut line) {
+                Ok(0) | Err(_) => return last,
+                Ok(_) => {}
+            }
+            let line = String::from_utf8_lossy(&line);
+            let complaint = match &self {
+                Self::Plain => Some(line.trim().to_owned()),
+                Self::Ffmpeg(times) => {
+                    if line.starts_with(SHOWINFO_LINE) {
+                        tick = tick_in(&line).or(tick);
+                        if let (Some(ticks), Some(tick)) = (ticks_in(&line), tick) {
+                            // A decoder that is gone needs no times; complaints are still heard.
+                            let _ = times.send(FrameTime { ticks, tick });
+                        }
+                    }
+                    complaint_in(&line)
                 }
+            };
+            if let Some(words) = complaint.filter(|words| !words.is_empty()) {
+                last = words.chars().take(MAX_COMPLAINT).collect();
             }
         }
     }
+}
+
+/// "config in time_base: 1/1000" as two numbers.
+fn tick_in(line: &str) -> Option<(u32, u32)> {
+    let (_, rest) = line.split_once("config in time_base:")?;
+    let (num, den) = rest
+        .trim_start()
+        .split([',', ' '])
+        .next()?
+        .split_once('/')?;
+    let (num, den) = (num.parse().ok()?, den.parse().ok()?);
+    (num > 0 && den > 0).then_some((num, den))
+}
+
+/// "n: 7 pts: 280 pts_time:..." as 280.
+fn ticks_in(line: &str) -> Option<i64> {
+    let (_, rest) = line.split_once(" pts:")?;
+    rest.split_whitespace().next()?.parse().ok()
+}
+
+/// The words of a line that is marked as an error, without the mark. It stands first, or after who speaks ("[h264 @ 0x55e5] ").
+fn complaint_in(line: &str) -> Option<String> {
+    let line = line.trim();
+    ["[error] ", "[fatal] ", "[panic] "]
+        .iter()
+        .find_map(|mark| {
+            let (speaker, words) = line.split_once(mark)?;
+            let at_its_place = speaker.is_empty()
+                || (speaker.starts_with('[') && speaker.find("] ") == Some(speaker.len() - 2));
+            at_its_place.then(|| format!("{speaker}{words}"))
+        })
 }
 
 fn is_url(path: &Path) -> bool {
@@ -388,10 +503,70 @@ fn input_name(path: &Path) -> std::ffi::OsString {
     name
 }
 
+/// The rate that the recording was made for: the base rate of its times, unless that is far above the average.
+fn nominal(base: Option<(u32, u32)>, average: Option<(u32, u32)>) -> Option<(u32, u32)> {
+    match (base, average) {
+        (Some(b), Some(a)) if quotient(b) > NOMINAL_OVER_AVERAGE * quotient(a) => Some(a),
+        _ => base.or(average),
+    }
+}
+
+fn quotient((num, den): (u32, u32)) -> f64 {
+    f64::from(num) / f64::from(den)
+}
+
 /// "30000/1001" as two numbers; `None` for "0/0" and anything outside 0..=[`MAX_FPS`].
 fn rate(text: &str) -> Option<(u32, u32)> {
     let (num, den) = text.split_once('/')?;
     let (num, den): (u32, u32) = (num.parse().ok()?, den.parse().ok()?);
     let fps = f64::from(num) / f64::from(den);
     (den > 0 && fps > 0.0 && fps <= MAX_FPS).then_some((num, den))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Lines as ffmpeg writes them: times are taken, the last error is kept without its mark, the rest is passed over.
+    #[test]
+    fn times_and_complaints_are_heard() {
+        let said = "Input #0, matroska,webm, from 'file:[error] .mkv':\n\
+            [Parsed_showinfo_0 @ 0x5559] [info] config in time_base: 1/1000, frame_rate: 30000/1001\n\
+            [Parsed_showinfo_0 @ 0x5559] [info] n:   0 pts:      0 pts_time:0       pos:      587 fmt:bgr0\n\
+            [Parsed_showinfo_0 @ 0x5559] [info] color_range:pc color_space:gbr\n\
+            [matroska,webm @ 0x55e5] [error] File ended prematurely\n\
+            [Parsed_showinfo_0 @ 0x5559] [info] n:   1 pts:     33 pts_time:0.033   pos:     1350 fmt:bgr0\n";
+        let (to, times) = channel();
+        let words = Listener::Ffmpeg(to).last_complaint(said.as_bytes());
+        assert_eq!(words, "[matroska,webm @ 0x55e5] File ended prematurely");
+        let tick = (1, 1000);
+        let told: Vec<FrameTime> = times.iter().collect();
+        assert_eq!(told, [0, 33].map(|ticks| FrameTime { ticks, tick }));
+        assert_eq!(complaint_in("Input #0, from '[error] .mkv':"), None);
+        assert_eq!(
+            complaint_in("[fatal] no such thing\n").as_deref(),
+            Some("no such thing")
+        );
+        let words = Listener::Plain.last_complaint("one\ntwo\n\n".as_bytes());
+        assert_eq!(words, "two");
+    }
+
+    /// Times in coarse ticks stand on the even rate where they are within a tick of it, elsewhere they stay.
+    #[test]
+    fn even_rates_are_exact() {
+        let tick = (1, 1000);
+        let at = |ticks| FrameTime { ticks, tick }.seconds((30_000, 1001)).unwrap();
+        assert_eq!(at(33), 1001.0 / 30_000.0);
+        assert_eq!(at(67), 2.0 * 1001.0 / 30_000.0);
+        assert_eq!(at(50), 0.05);
+    }
+
+    /// The nominal rate is the base rate; a base rate that is only a common divisor of uneven times is not one.
+    #[test]
+    fn nominal_rate() {
+        assert_eq!(nominal(Some((30, 1)), Some((1169, 40))), Some((30, 1)));
+        assert_eq!(nominal(Some((1000, 1)), Some((24, 1))), Some((24, 1)));
+        assert_eq!(nominal(None, Some((25, 1))), Some((25, 1)));
+        assert_eq!(nominal(None, None), None);
+    }
 }
