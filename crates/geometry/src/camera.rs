@@ -116,6 +116,18 @@ impl Distortion {
         )
     }
 
+    /// Whether the model is folded over at an undistorted position: its Jacobian's determinant or its radial factor is not
+    /// positive there, so that it mirrors what a lens shows. A local test: of a model that folds twice it accepts what lies beyond the second
+    /// fold.
+    pub fn folds_at(&self, p: &Point2<f64>) -> bool {
+        if self.is_none() {
+            return false;
+        }
+        let j = self.jacobian(p);
+        let upright = j[0] * j[3] - j[1] * j[2] > 0.0 && self.radial(p.coords.norm_squared()) > 0.0;
+        !upright
+    }
+
     fn radial(&self, r2: f64) -> f64 {
         (1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3)))
             / (1.0 + r2 * (self.k4 + r2 * (self.k5 + r2 * self.k6)))
@@ -177,8 +189,9 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Pixel of a point in the camera frame (metres, or any scale); `None` when it is not in front of the lens.
-    /// The pixel may lie outside the picture.
+    /// Pixel of a point in the camera frame (metres, or any scale); `None` when it is not in front of the lens, or so far
+    /// off the axis that the distortion model folds over there ([`Distortion::folds_at`]): without that a point which no real lens
+    /// shows would come back into the picture. The pixel may lie outside the picture.
     pub fn project(&self, point_in_cam: &Point3<f64>) -> Option<Point2<f64>> {
         if point_in_cam.z <= 0.0 {
             return None;
@@ -187,7 +200,7 @@ impl Camera {
             point_in_cam.x / point_in_cam.z,
             point_in_cam.y / point_in_cam.z,
         );
-        Some(self.pixel_from_normalized(&n))
+        (!self.distortion.folds_at(&n)).then(|| self.pixel_from_normalized(&n))
     }
 
     /// Pixel of an undistorted position on the plane z = 1.
@@ -291,6 +304,31 @@ mod tests {
                 assert!((a - b).abs() < 1e-7, "{a} {b}");
             }
         }
+    }
+
+    /// What lies beyond the fold of a strong barrel distortion has no pixel (it would come back into the picture), what lies
+    /// before it keeps the one it had.
+    #[test]
+    fn nothing_comes_back_from_beyond_the_fold() {
+        let camera = Camera {
+            intrinsics: Intrinsics::from_sensor(0.0065, 0.0048, 1024, 768),
+            distortion: Distortion {
+                k1: -0.35,
+                ..Distortion::NONE
+            },
+        };
+        let fold = (1.0_f64 / 1.05).sqrt();
+        for i in 1..400 {
+            let r = f64::from(i) / 100.0;
+            for (c, s) in [(1.0, 0.0), (0.6, -0.8), (0.0, 1.0)] {
+                let n = Point2::new(r * c, r * s);
+                let px = camera.project(&Point3::new(2.0 * n.x, 2.0 * n.y, 2.0));
+                let expected = (r < fold).then(|| camera.pixel_from_normalized(&n));
+                assert_eq!(px, expected, "radius {r}");
+            }
+        }
+        let folded = camera.pixel_from_normalized(&Point2::new(1.6, 0.0));
+        assert!(camera.contains(&folded), "else this would prove nothing");
     }
 
     /// A half-size picture sees the same ray at the scaled pixel.
