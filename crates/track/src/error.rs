@@ -14,7 +14,10 @@ pub enum TrackError {
         needed: usize,
     },
     /// Picture and camera do not belong together.
-    #[error("the picture is {picture:?} pixels but its camera's is {camera:?}")]
+    #[error(
+        "the picture is {}x{} pixels but its camera's is {}x{}",
+        .picture.0, .picture.1, .camera.0, .camera.1
+    )]
     Size {
         /// Width and height of the picture.
         picture: (usize, usize),
@@ -22,7 +25,7 @@ pub enum TrackError {
         camera: (usize, usize),
     },
     /// The picture is too small to look for a person in it.
-    #[error("the picture is {0:?} pixels; at least 64 x 64 are needed")]
+    #[error("the picture is {}x{} pixels; at least 64x64 are needed", .0.0, .0.1)]
     PictureTooSmall((usize, usize)),
     /// Time went backwards or is not a number.
     #[error("capture time {now_s} s is not after {before_s} s")]
@@ -36,11 +39,14 @@ pub enum TrackError {
     #[error("the pose of the {0} camera is not finite")]
     Pose(&'static str),
     /// The given box has no area or is not a number.
-    #[error("target box {0:?} is no rectangle: width and height must be positive numbers")]
+    #[error(
+        "the target box {} is no rectangle: width and height must be positive numbers", named(.0)
+    )]
     BoxShape(PixelBox),
     /// The given box lies outside the picture.
     #[error(
-        "target box {given:?} lies outside the picture of {width} x {height} pixels: at least half of it must be inside"
+        "the target box {} lies outside the picture of {width}x{height} pixels: at least half of it must be inside",
+        named(.given)
     )]
     BoxOutside {
         /// The given box.
@@ -51,7 +57,9 @@ pub enum TrackError {
         height: usize,
     },
     /// The given box is too small to follow.
-    #[error("target box {given:?} is too small: at least {min_w} x {min_h} pixels are needed")]
+    #[error(
+        "the target box {} is too small: at least {min_w}x{min_h} pixels are needed", named(.given)
+    )]
     BoxTooSmall {
         /// The given box.
         given: PixelBox,
@@ -60,4 +68,41 @@ pub enum TrackError {
         /// Least height, pixels.
         min_h: f64,
     },
+}
+
+/// A box as it is typed: x, y, width, height.
+fn named(b: &PixelBox) -> String {
+    format!("{},{},{},{}", b.x, b.y, b.w, b.h)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a person reads about a box is what a person typed, not how the program keeps it.
+    #[test]
+    fn boxes_are_named_as_typed() {
+        let given = PixelBox {
+            x: 1300.0,
+            y: 20.5,
+            w: 80.0,
+            h: 220.0,
+        };
+        let (width, height) = (1024, 768);
+        let outside = TrackError::BoxOutside {
+            given,
+            width,
+            height,
+        };
+        assert_eq!(
+            outside.to_string(),
+            "the target box 1300,20.5,80,220 lies outside the picture of 1024x768 pixels: at least half of it must be inside"
+        );
+        let no_box = TrackError::BoxShape(PixelBox { w: -80.0, ..given });
+        assert!(
+            no_box
+                .to_string()
+                .starts_with("the target box 1300,20.5,-80,220 is no rectangle")
+        );
+    }
 }
