@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use vergence_control::{HeadConfig, SimulatedHead};
 use vergence_geometry::{Eye, HeadAngles, HeadGeometry};
 use vergence_imaging::Rgb;
+use vergence_scene::hash::{mix, uniform_from};
 use vergence_scene::{Light, Mark, PathSpec, Renderer, Shot, TwinCamera, World, WorldConfig};
 
 use crate::CaptureError;
@@ -153,6 +154,7 @@ impl TwinSource {
             seed: config.seed,
             marks,
         })?);
+        world.check_rig(config.geometry.interaxial_m, lens_places(&config))?;
         let renderer = Renderer::new(world.clone(), config.cameras, config.seed)?;
         let head = SimulatedHead::homed(&config.head, 0.0)?;
         let seconds = config.seconds.unwrap_or(match world.people() {
@@ -459,6 +461,34 @@ fn check(config: &TwinConfig) -> Result<(), CaptureError> {
     Ok(())
 }
 
+/// Places that the lenses take over the whole range of the axes, base frame. Between the steps of pan and tilt they move by less than
+/// a tenth of the base.
+fn lens_places(config: &TwinConfig) -> Vec<Point3<f64>> {
+    const PANS: usize = 33;
+    const TILTS: usize = 9;
+    let limits = config.head.limits();
+    let at = |axis: usize, i: usize, n: usize| {
+        let (lo, hi) = (limits[axis].position_min_rad, limits[axis].position_max_rad);
+        lo + (hi - lo) * i as f64 / (n - 1) as f64
+    };
+    let mut places = Vec::with_capacity(4 * PANS * TILTS);
+    for i in 0..PANS * TILTS {
+        for end in 0..2 {
+            let angles = HeadAngles {
+                pan: at(0, i % PANS, PANS),
+                tilt: at(1, i / PANS, TILTS),
+                left: at(2, end, 2),
+                right: at(3, end, 2),
+            };
+            places.extend(Eye::BOTH.map(|eye| {
+                let base_from_cam = config.geometry.cam_from_base(eye, &angles).inverse();
+                Point3::from(base_from_cam.translation.vector)
+            }));
+        }
+    }
+    places
+}
+
 /// What is drawn by chance for a frame.
 #[derive(Clone, Copy)]
 enum Draw {
@@ -473,13 +503,5 @@ fn chance(seed: u64, frame: u64, draw: Draw) -> f64 {
         Draw::Latency(Eye::Left) => 2,
         Draw::Latency(Eye::Right) => 3,
     };
-    let bits = mix(mix(mix(seed) ^ frame) ^ which);
-    (bits >> 11) as f64 / (1_u64 << 53) as f64
-}
-
-fn mix(x: u64) -> u64 {
-    let mut z = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
+    uniform_from(mix(mix(mix(seed) ^ frame) ^ which))
 }

@@ -309,6 +309,19 @@ fn impossible_settings_are_refused() {
             Ok(_) => panic!("{name} was accepted"),
         }
     }
+    for interaxial_m in [7.5, 8.0, 10.0] {
+        let wide = TwinConfig {
+            geometry: geometry(interaxial_m),
+            ..config()
+        };
+        let error = TwinSource::new(wide).err().map(|e| e.to_string());
+        assert!(
+            error
+                .as_ref()
+                .is_some_and(|e| e.contains("a camera of the rig would be in a wall")),
+            "{error:?}"
+        );
+    }
     let mut long = config();
     long.cameras[0].exposure_s = 0.2;
     assert!(TwinSource::new(long).is_err());

@@ -27,6 +27,14 @@ pub enum SceneError {
         /// Which file.
         path: PathBuf,
     },
+    /// A fault of one file.
+    #[error("{fault}: {path}")]
+    File {
+        /// What is wrong with it.
+        fault: Box<SceneError>,
+        /// Which file.
+        path: PathBuf,
+    },
     /// A file of waypoints, or a list of them, that cannot be followed.
     #[error("waypoints, line {line}: {reason}")]
     Waypoints {
@@ -50,6 +58,23 @@ pub enum SceneError {
         /// When, s from the start of the path.
         time_s: f64,
         /// How far the middle of the body must stay from it, m.
+        clearance_m: f64,
+    },
+    /// A camera of the rig would come out of the room or into something.
+    #[error(
+        "a camera of the rig would be in {obstacle} at x = {x_m:.2} m, y = {y_m:.2} m, z = {z_m:.2} m: the room's walls are 3.6 m to either \
+         side; a shorter base keeps the cameras {clearance_m:.2} m away from everything"
+    )]
+    CameraBlocked {
+        /// What is there.
+        obstacle: String,
+        /// Place in the base frame, to the right, m.
+        x_m: f64,
+        /// Down, m.
+        y_m: f64,
+        /// Forward, m.
+        z_m: f64,
+        /// How far a lens must stay from it, m.
         clearance_m: f64,
     },
     /// A setting of a camera outside its range.

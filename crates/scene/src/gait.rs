@@ -212,11 +212,26 @@ fn pitch(c: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// At a walk the foot on the ground stands still (heel or ball, whichever carries), nothing sinks into the floor,
-    /// legs and arms keep their lengths.
+    /// From a stroll to the fastest walk the foot on the ground stands still (heel or ball, whichever carries), nothing sinks into
+    /// the floor, legs and arms keep their lengths.
     #[test]
     fn standing_foot_stands() {
-        let speed = 1.0;
+        // From 0.6 m/s on the gait is full; nearer to standing feet are drawn in, and do slip.
+        for speed in [
+            0.6,
+            0.8,
+            1.0,
+            1.1,
+            1.12,
+            1.2,
+            1.5,
+            crate::path::MAX_SPEED_M_S,
+        ] {
+            stands_at(speed);
+        }
+    }
+
+    fn stands_at(speed: f64) {
         let cycles_per_s = speed / (2.0 * step_length_m(speed));
         let dt = 1e-3;
         let contact = |t: f64| {
@@ -255,10 +270,20 @@ mod tests {
             );
             let (thigh, shank) = ((l.knee - l.hip).norm(), (l.ankle - l.knee).norm());
             assert!(
-                (thigh - THIGH_M).abs() < 1e-9 && shank < SHANK_M + 0.02,
-                "{thigh} {shank}"
+                (thigh - THIGH_M).abs() < 1e-9 && shank < SHANK_M + 0.003,
+                "{thigh} {shank} at {speed} m/s"
             );
         }
+    }
+
+    /// Up to 1.1 m/s, the speed of the named paths' walkers, a step grows linearly with the speed.
+    #[test]
+    fn steps_grow_up_to_a_brisk_walk() {
+        for i in 0..=110 {
+            let speed = f64::from(i) / 100.0;
+            assert_eq!(step_length_m(speed), 0.35 + 0.30 * speed);
+        }
+        assert_eq!(step_length_m(1.5), step_length_m(2.0));
     }
 
     /// Standing still, nothing moves with the phase.

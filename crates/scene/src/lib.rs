@@ -7,7 +7,7 @@ pub mod camera;
 pub mod error;
 pub mod figure;
 mod gait;
-mod hash;
+pub mod hash;
 mod kernels;
 mod light;
 pub mod mark;

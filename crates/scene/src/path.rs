@@ -14,8 +14,12 @@ pub const MAX_FILE_BYTES: u64 = 1 << 20;
 pub const MAX_WAYPOINTS: usize = 10_000;
 /// Longest path, s.
 pub const MAX_DURATION_S: f64 = 3600.0;
-/// Fastest walk between two waypoints, m/s (a slow run).
-pub const MAX_SPEED_M_S: f64 = 3.0;
+/// Fastest walk between two waypoints, m/s. The figure walks; at this speed it takes three steps a second, and whoever is faster
+/// runs.
+pub const MAX_SPEED_M_S: f64 = 2.0;
+
+/// Farthest from the rig that a waypoint may name, m: the room ends long before.
+const MAX_PLACE_M: f64 = 1000.0;
 
 /// Half of the time over which a change of speed or direction is spread, s: a walker stops within twice this.
 pub const BLEND_S: f64 = 0.5;
@@ -197,6 +201,13 @@ pub fn read_waypoints(path: &FilePath) -> Result<Vec<Waypoint>, SceneError> {
         .take(MAX_FILE_BYTES + 1)
         .read_to_end(&mut bytes)
         .map_err(io)?;
+    waypoints_from_bytes(bytes).map_err(|fault| SceneError::File {
+        fault: Box::new(fault),
+        path: path.to_owned(),
+    })
+}
+
+fn waypoints_from_bytes(bytes: Vec<u8>) -> Result<Vec<Waypoint>, SceneError> {
     if bytes.len() as u64 > MAX_FILE_BYTES {
         return Err(refused(
             1,
@@ -211,10 +222,11 @@ pub fn read_waypoints(path: &FilePath) -> Result<Vec<Waypoint>, SceneError> {
 /// Waypoints from text: comma-separated lines below a header that is `time_s,x_m,z_m` (when to be where) or
 /// `x_m,z_m,speed_m_s` (where to go, and how fast to go there from the place before; the first speed is not used).
 ///
-/// Empty lines and lines that begin with `#` are skipped. At least two and at most [`MAX_WAYPOINTS`] lines, times
+/// Empty lines and lines that begin with `#` are skipped, and so is a byte order mark, which spreadsheets write. At least two and at most [`MAX_WAYPOINTS`] lines, times
 /// from 0 that rise, speeds above 0 and at most [`MAX_SPEED_M_S`], at most [`MAX_DURATION_S`] in all.
 pub fn parse_waypoints(text: &str) -> Result<Vec<Waypoint>, SceneError> {
     let mut lines = text
+        .trim_start_matches('\u{feff}')
         .lines()
         .enumerate()
         .map(|(i, l)| (i + 1, l.trim()))
@@ -297,6 +309,11 @@ fn timed(
         });
     };
     if !(speed > 0.0 && speed <= MAX_SPEED_M_S) {
+        let speed = if speed.abs() < 1e6 {
+            speed.to_string()
+        } else {
+            format!("{speed:e}")
+        };
         return Err(refused(
             line,
             format!("a speed of {speed} m/s; it must be above 0 and at most {MAX_SPEED_M_S} m/s"),
@@ -322,6 +339,24 @@ fn check_newest(line: usize, list: &[Waypoint]) -> Result<(), SceneError> {
     if ![new.time_s, new.x_m, new.z_m].iter().all(|v| v.is_finite()) {
         return Err(refused(line, "a number that is not finite".to_owned()));
     }
+    if let Some(far_m) = [new.x_m, new.z_m]
+        .into_iter()
+        .find(|v| v.abs() > MAX_PLACE_M)
+    {
+        return Err(refused(
+            line,
+            format!("a place {far_m:e} m away; at most {MAX_PLACE_M} m"),
+        ));
+    }
+    if new.time_s.abs() > MAX_DURATION_S {
+        return Err(refused(
+            line,
+            format!(
+                "time {:e} s; a path lasts at most {MAX_DURATION_S} s",
+                new.time_s
+            ),
+        ));
+    }
     if list.len() == 1 {
         return if new.time_s == 0.0 {
             Ok(())
@@ -343,20 +378,16 @@ fn check_newest(line: usize, list: &[Waypoint]) -> Result<(), SceneError> {
             ),
         ));
     }
-    if new.time_s > MAX_DURATION_S {
-        return Err(refused(
-            line,
-            format!(
-                "time {} s; a path lasts at most {MAX_DURATION_S} s",
-                new.time_s
-            ),
-        ));
-    }
     let speed = (new.x_m - last.x_m).hypot(new.z_m - last.z_m) / step_s;
     if speed > MAX_SPEED_M_S * (1.0 + 1e-9) {
+        let speed = if speed < 1e6 {
+            format!("{speed:.2}")
+        } else {
+            format!("{speed:.0e}")
+        };
         return Err(refused(
             line,
-            format!("the walker would need {speed:.2} m/s; at most {MAX_SPEED_M_S} m/s"),
+            format!("the walker would need {speed} m/s; at most {MAX_SPEED_M_S} m/s"),
         ));
     }
     Ok(())
@@ -545,10 +576,14 @@ impl Knot {
 }
 
 /// Length of one step at a walking speed, m. Linear about the usual 0.65 m at 1 m/s (adults lengthen and quicken
-/// their steps in about equal parts); approximate.
+/// their steps in about equal parts); approximate. Above [`LONGEST_STEP_AT_M_S`] only the cadence grows.
 pub fn step_length_m(speed_m_s: f64) -> f64 {
-    0.35 + 0.30 * speed_m_s
+    0.35 + 0.30 * speed_m_s.min(LONGEST_STEP_AT_M_S)
 }
+
+/// From this speed on the steps grow no longer, m/s: the figure's legs, 0.86 m, would not reach the ground at both ends of a longer
+/// one with the pelvis as high as it is.
+const LONGEST_STEP_AT_M_S: f64 = 1.12;
 
 /// Gait cycles (two steps each) per second at a speed.
 fn cycles_per_s(speed_m_s: f64) -> f64 {

@@ -18,6 +18,8 @@ use crate::solid::Solid;
 pub const BODY_CLEARANCE_M: f64 = 0.30;
 /// Nearest that the middle of a walker may come to the rig, m.
 pub const RIG_CLEARANCE_M: f64 = 0.60;
+/// Nearest that a lens may come to anything at rest, m: about a camera's own size.
+pub const LENS_CLEARANCE_M: f64 = 0.05;
 /// Things no higher than this can be walked over, m.
 const STEP_OVER_M: f64 = 0.03;
 /// Things that begin above this do not stand in the way, m.
@@ -126,7 +128,7 @@ impl World {
         world
             .walkers
             .iter()
-            .try_for_each(|w| world.check_way(&w.trajectory))?;
+            .try_for_each(|w| check_way(&w.trajectory, |x, z| world.in_the_way(x, z)))?;
         Ok(world)
     }
 
@@ -260,23 +262,58 @@ impl World {
         }
     }
 
-    fn check_way(&self, way: &Trajectory) -> Result<(), SceneError> {
-        const STEP_S: f64 = 0.02;
-        let steps = (way.duration_s() / STEP_S).ceil() as usize;
-        for i in 0..=steps {
-            let time_s = i as f64 * STEP_S;
-            let place = way.motion(time_s)[0];
-            if let Some((obstacle, clearance_m)) = self.in_the_way(place.x, place.y) {
-                return Err(SceneError::PathBlocked {
+    /// Whether a rig has its place here: its lenses stay in the room and out of things wherever the head turns (`lenses_in_base`
+    /// are places that they take), and nobody walks within [`RIG_CLEARANCE_M`] of the line between the two pivots,
+    /// `base_m` apart. [`World::new`] checks the ways against the middle of the rig only.
+    ///
+    /// # Errors
+    /// [`SceneError::CameraBlocked`], [`SceneError::PathBlocked`].
+    pub fn check_rig(
+        &self,
+        base_m: f64,
+        lenses_in_base: impl IntoIterator<Item = Point3<f64>>,
+    ) -> Result<(), SceneError> {
+        for lens in lenses_in_base {
+            if let Some(obstacle) = self.at_lens(&lens) {
+                return Err(SceneError::CameraBlocked {
                     obstacle: obstacle.to_owned(),
-                    x_m: place.x,
-                    z_m: place.y,
-                    time_s,
-                    clearance_m,
+                    x_m: lens.x,
+                    y_m: lens.y,
+                    z_m: lens.z,
+                    clearance_m: LENS_CLEARANCE_M,
                 });
             }
         }
-        Ok(())
+        let near_pivots = |x: f64, z: f64| {
+            let beside = (x.abs() - base_m / 2.0).max(0.0);
+            (beside.hypot(z) < RIG_CLEARANCE_M).then_some(("the rig", RIG_CLEARANCE_M))
+        };
+        self.walkers
+            .iter()
+            .try_for_each(|w| check_way(&w.trajectory, near_pivots))
+    }
+
+    /// What a lens at a place is too near to.
+    fn at_lens(&self, lens: &Point3<f64>) -> Option<&'static str> {
+        let near = LENS_CLEARANCE_M;
+        let inside = (0..3).all(|i| {
+            let [lo, hi] = ROOM[i];
+            (lo + near..=hi - near).contains(&lens[i])
+        });
+        if !inside {
+            return Some("a wall");
+        }
+        let meets = |lo: &Point3<f64>, hi: &Point3<f64>| {
+            (0..3).all(|i| (lo[i] - near..=hi[i] + near).contains(&lens[i]))
+        };
+        let cuboid = self.room.cuboids.iter().find(|c| meets(&c.lo, &c.hi));
+        let solid = || {
+            let mut solids = self.room.solids.iter();
+            solids.any(|s| (s.centre - lens).norm() < near + s.bound_m)
+        };
+        cuboid
+            .map(|c| c.name)
+            .or_else(|| solid().then_some("furniture"))
     }
 
     /// What a walker at (x, z) touches, and the distance to keep from it.
@@ -312,4 +349,27 @@ impl World {
         });
         solid.then_some(("furniture", near))
     }
+}
+
+/// The first place of a way at which something is in it: `in_the_way` says what, and the distance to keep from it.
+fn check_way(
+    way: &Trajectory,
+    in_the_way: impl Fn(f64, f64) -> Option<(&'static str, f64)>,
+) -> Result<(), SceneError> {
+    const STEP_S: f64 = 0.02;
+    let steps = (way.duration_s() / STEP_S).ceil() as usize;
+    for i in 0..=steps {
+        let time_s = i as f64 * STEP_S;
+        let place = way.motion(time_s)[0];
+        if let Some((obstacle, clearance_m)) = in_the_way(place.x, place.y) {
+            return Err(SceneError::PathBlocked {
+                obstacle: obstacle.to_owned(),
+                x_m: place.x,
+                z_m: place.y,
+                time_s,
+                clearance_m,
+            });
+        }
+    }
+    Ok(())
 }

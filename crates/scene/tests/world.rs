@@ -212,6 +212,10 @@ fn waypoint_files_are_read_or_refused_with_the_line() {
         ("time_s,x_m,z_m\n1,0,9\n2,0,8\n", 2, "must be 0"),
         ("time_s,x_m,z_m\n0,0,9\n1,0,2\n", 3, "m/s"),
         ("time_s,x_m,z_m\n0,0,9\n1e300,0,8\n", 3, "at most"),
+        ("time_s,x_m,z_m\n0,0,9\n1,1e300,8\n", 3, "a place 1e300 m"),
+        ("x_m,z_m,speed_m_s\n0,9,1\n0,8,1e300\n", 3, "of 1e300 m/s"),
+        ("x_m,z_m,speed_m_s\n0,9,1\n0,8,2.1\n", 3, "at most 2 m/s"),
+        ("time_s,x_m,z_m\n0,0,9\n1e-300,0,8\n", 3, "need 1e300 m/s"),
         ("x_m,z_m,speed_m_s\n0,9,1\n0,8,-1\n", 3, "speed"),
         ("x_m,z_m,speed_m_s\n0,9,1\n0,9,1\n", 3, "place"),
     ] {
@@ -225,12 +229,60 @@ fn waypoint_files_are_read_or_refused_with_the_line() {
             other => panic!("{text:?}: {other:?}"),
         }
     }
-    let long = "x_m,z_m,speed_m_s\n".to_owned() + &"0,9,3\n0.5,9,3\n".repeat(6000);
+    let long = "x_m,z_m,speed_m_s\n".to_owned() + &"0,9,2\n0.5,9,2\n".repeat(6000);
     assert!(
         parse_waypoints(&long)
             .unwrap_err()
             .to_string()
             .contains("more than")
+    );
+}
+
+/// A file as a spreadsheet writes it, with a byte order mark, is read; a faulty one is named, path last.
+#[test]
+fn waypoint_files_are_named_and_may_have_a_byte_order_mark() {
+    let path = std::env::temp_dir().join(format!("vergence-way-{}.csv", std::process::id()));
+    std::fs::write(&path, "\u{feff}time_s,x_m,z_m\r\n0,0,9\r\n4,0.5,5\r\n").unwrap();
+    let read = vergence_scene::read_waypoints(&path);
+    std::fs::write(&path, "time_s,x_m,z_m\n0,0,9\n").unwrap();
+    let error = vergence_scene::read_waypoints(&path)
+        .unwrap_err()
+        .to_string();
+    std::fs::remove_file(&path).unwrap();
+    assert_eq!(read.unwrap().len(), 2);
+    assert!(
+        error.contains("at least two waypoints") && error.ends_with(&path.display().to_string()),
+        "{error}"
+    );
+}
+
+/// Cameras stay in the room and out of things, and walkers away from both of them, not only from the middle between them.
+#[test]
+fn a_rig_must_have_its_place() {
+    let w = world(PathSpec::Walk, 1);
+    let at = |x: f64, z: f64| w.check_rig(0.07, [Point3::new(x, 0.0, z)]);
+    assert!(at(0.035, 0.0).is_ok() && at(-3.4, 0.0).is_ok());
+    for (x, z) in [(3.6, 0.0), (-4.0, 0.0), (0.0, -1.6), (f64::NAN, 0.0)] {
+        let error = at(x, z).unwrap_err();
+        assert!(
+            matches!(&error, SceneError::CameraBlocked { obstacle, .. } if obstacle == "a wall"),
+            "{error}"
+        );
+    }
+    // The sideboard stands at the right wall, 4 to 6 m away, lower than 0.83 m.
+    let inside = w.check_rig(0.07, [Point3::new(3.3, 1.0, 5.0)]).unwrap_err();
+    assert!(inside.to_string().contains("in the sideboard"), "{inside}");
+
+    let beside = World::new(&WorldConfig {
+        path: way(&[(0.0, 1.0, 5.0), (6.0, 1.0, 0.4)]),
+        ..WorldConfig::default()
+    })
+    .unwrap();
+    assert!(beside.check_rig(0.07, []).is_ok());
+    let error = beside.check_rig(2.0, []).unwrap_err();
+    assert!(
+        matches!(&error, SceneError::PathBlocked { obstacle, .. } if obstacle == "the rig"),
+        "{error}"
     );
 }
 
