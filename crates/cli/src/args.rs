@@ -4,11 +4,11 @@ use std::path::PathBuf;
 
 use clap::{Parser, Subcommand};
 
-use crate::config::ConfigArgs;
+use crate::config::{self, ConfigArgs};
 use crate::fault;
-use crate::plan::PlanArgs;
-use crate::project::ProjectArgs;
-use crate::run::RunArgs;
+use crate::plan::{self, PlanArgs};
+use crate::project::{self, ProjectArgs};
+use crate::run::{self, RunArgs};
 use crate::settings::{Override, Settings};
 
 const ABOUT: &str = "\
@@ -68,16 +68,16 @@ pub(crate) struct Global {
     pub(crate) set: Vec<String>,
 }
 
-/// The commands.
+/// The commands. What each does is its page's text, said here: a doc comment would take the place of `long_about`.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Say which camera mode suits which distances, and why.
+    #[command(about = "Say which camera mode suits which distances, and why", long_about = plan::LONG)]
     Plan(PlanArgs),
-    /// Show where points of the scene fall in both pictures and where a viewer sees them.
+    #[command(about = "Show where points of the scene fall in both pictures and where a viewer sees them", long_about = project::LONG)]
     Project(ProjectArgs),
-    /// Hold a walking person at zero parallax, on the simulated rig or on recorded pairs.
+    #[command(about = "Hold a walking person at zero parallax, on the simulated rig or on recorded pairs", long_about = run::LONG)]
     Run(Box<RunArgs>),
-    /// Print the effective settings with units, meanings and origins.
+    #[command(about = "Print the effective settings with units, meanings and origins", long_about = config::LONG)]
     Config(ConfigArgs),
 }
 

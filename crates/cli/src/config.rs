@@ -5,7 +5,8 @@ use crate::output::{self, Format};
 use crate::rig;
 use crate::twin;
 
-const LONG: &str = "\
+/// What the command does, for its manual page.
+pub(crate) const LONG: &str = "\
 Print the effective settings as a TOML file: every key with its value, unit, meaning, range and default. A value that is not the \
 default says where it came from. The output is itself a settings file.";
 
@@ -21,7 +22,7 @@ radians, null for auto; `origin` is default, file, environment or flag.";
 
 /// Flags of `vergence config`.
 #[derive(Debug, clap::Args)]
-#[command(long_about = LONG, after_help = AFTER)]
+#[command(after_help = AFTER)]
 pub(crate) struct ConfigArgs {
     /// How to print.
     #[arg(long, value_enum, default_value_t)]

@@ -11,7 +11,8 @@ use crate::args::Global;
 use crate::output::{self, Format};
 use crate::rig::{self, RigFlags};
 
-const LONG: &str = "\
+/// What the command does, for its manual page.
+pub(crate) const LONG: &str = "\
 Say at which distances parallel cameras will do and at which both must be brought to bear on the target, for this rig, this screen and this \
 viewer, by a named rule; with the thresholds of every rule, a table per distance and warnings in words.
 
@@ -31,12 +32,12 @@ Examples:
 
 Rules: seen-depth, percent-1-30, percent-broadcast, percent-practitioners, arcmin-1-degree, arcmin-panum, dioptres-shibata, dioptres-fixed.
 Figures: figure3 and figure4 of the paper, vertical parallax over the picture, comfort against distance, the rig in plan; each as SVG and PNG.
-JSON: setup, verdict {sentence, rule, segments, without_shift}, thresholds, paper, table, budgets, coverage, warnings; lengths in metres, angles \
-in arc minutes, fractions of 1, a limit that does not exist is null.";
+JSON: setup, verdict {sentence, segments, auto, ...}, thresholds, paper, table, budgets, warnings; lengths in metres, angles in arc \
+minutes, fractions of 1; a limit that does not exist and an infinite distance are null. docs/reference-plan.md describes every field.";
 
 /// Flags of `vergence plan`.
 #[derive(Debug, clap::Args)]
-#[command(long_about = LONG, after_help = AFTER)]
+#[command(after_help = AFTER)]
 pub(crate) struct PlanArgs {
     /// Nearest distance of the target [default: 1m].
     #[arg(long, value_name = "LENGTH", allow_hyphen_values = true)]

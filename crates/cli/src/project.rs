@@ -16,11 +16,12 @@ use crate::rig::{self, RigFlags};
 use crate::settings::Settings;
 use crate::settings::quantity::Dimension;
 
-const LONG: &str = "\
+/// What the command does, for its manual page.
+pub(crate) const LONG: &str = "\
 Show where points of the scene fall in both pictures, what parallax they have on the screen and where a viewer sees them; exact projection, \
 no small-angle formulas.
 
-Frame of points: origin half way between the cameras, x right, y up, z into the scene, metres. Parallax p = X_right - X_left on the \
+Frame of points: origin half way between the cameras' pivots, x right, y up, z into the scene, metres. Parallax p = X_right - X_left on the \
 screen: p < 0 is seen in front of the screen, 0 < p < eyes' separation behind it.";
 
 const AFTER: &str = "\
@@ -33,7 +34,8 @@ Examples:
 Modes: parallel (axes parallel), converged (both axes through (0, 0, convergence)), shifted (axes parallel, pictures shifted so that \
 this point has no parallax), verged (both axes through --target).
 Files: --points takes lines x,y,z with an optional header that names the columns; --cases takes {\"cases\": [...], \"arrays\": [...]}, where \
-each case carries its own id, mode, t, f, M, e, V, L, target, pupil, x0, y0, z0. Files over 64 MiB are refused.
+each case carries its own id, mode, t, f, M, e, V, L, target, pupil, x0, y0, z0 (an array n, and no e or V); expect, near, note, result and picture \
+are passed over, any other field is an error. Files over 64 MiB are refused.
 JSON and CSV fields: state (front, screen, behind, infinity, divergent, behind_left, behind_right, behind_both); depth_l, depth_r [m]; \
 pan_l_deg, pan_r_deg [degrees, + right]; left, right [m on the sensor, upright, x right, y up]; p, q [m on the screen]; h_paper = -p, v_paper = -q; \
 perceived, perceived_paper, closest3d [m, screen frame]; ray_gap [m]; disparity_arcmin (+ in front), vdisparity_arcmin.";
@@ -43,7 +45,7 @@ const FILE_LIMIT_BYTES: u64 = 64 << 20;
 
 /// Flags of `vergence project`.
 #[derive(Debug, clap::Args)]
-#[command(long_about = LONG, after_help = AFTER)]
+#[command(after_help = AFTER)]
 pub(crate) struct ProjectArgs {
     /// The point, x,y,z; each a length.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, conflicts_with_all = ["points", "cases"], required_unless_present_any = ["points", "cases"])]
@@ -52,7 +54,7 @@ pub(crate) struct ProjectArgs {
     #[arg(long, value_name = "FILE", conflicts_with = "cases")]
     points: Option<PathBuf>,
     /// A JSON file of cases, each with its own rig; the answer is JSON.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["mode", "convergence", "target"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["mode", "convergence", "target", "base", "pupil", "focal_length", "sensor", "resolution", "magnification", "screen_width", "viewing_distance", "eyes"])]
     cases: Option<PathBuf>,
     /// parallel, converged, shifted or verged.
     #[arg(long, value_name = "MODE", default_value = "parallel")]
@@ -63,9 +65,9 @@ pub(crate) struct ProjectArgs {
     /// Point through which both axes go, for verged; y is 0.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     target: Option<String>,
-    /// How to print.
-    #[arg(long, value_enum, default_value_t)]
-    format: Format,
+    /// How to print [default: text; --cases: json].
+    #[arg(long, value_enum)]
+    format: Option<Format>,
     #[command(flatten)]
     rig: RigFlags,
 }
@@ -75,13 +77,19 @@ pub(crate) fn run(global: &Global, args: &ProjectArgs) -> anyhow::Result<()> {
     if let Some(path) = &args.cases {
         // The settings do not enter, but a faulty file of them is told.
         global.settings(&[])?;
+        if args.format == Some(Format::Text) {
+            return Err(fault::usage("--cases answers in JSON only")
+                .hint("leave --format out")
+                .into());
+        }
         return cases::run(path);
     }
     let settings = global.settings(&args.rig.overrides()?)?;
     let setup = setup_of(&settings, args)?;
+    let format = args.format.unwrap_or_default();
     match (&args.point, &args.points) {
-        (Some(text), _) => point::run(&setup, lengths("--point", text)?, args.format),
-        (None, Some(path)) => points::run(&setup, path, args.format),
+        (Some(text), _) => point::run(&setup, lengths("--point", text)?, format),
+        (None, Some(path)) => points::run(&setup, path, format),
         (None, None) => Err(fault::usage("no point was given")
             .hint("add --point x,y,z")
             .into()),

@@ -119,9 +119,9 @@ impl RigFlags {
             push(&mut out, path, flag, text.as_deref());
         }
         if let Some(text) = &self.sensor {
-            let (width, height) = sensor_size(text)?;
-            push(&mut out, "camera.sensor_width", "--sensor", Some(width));
-            push(&mut out, "camera.sensor_height", "--sensor", Some(height));
+            let [width, height] = sensor_size(text)?;
+            push(&mut out, "camera.sensor_width", "--sensor", Some(&width));
+            push(&mut out, "camera.sensor_height", "--sensor", Some(&height));
         }
         if let Some(text) = &self.resolution {
             let (width, height) = text.split_once('x').ok_or_else(|| {
@@ -146,20 +146,29 @@ pub(crate) fn push(out: &mut Vec<Override>, path: &str, flag: &str, text: Option
     }
 }
 
-fn sensor_size(text: &str) -> Result<(&str, &str), Fault> {
+/// Width and height of a sensor, each with its unit; one unit at the end (4.8x3.6mm) is that of both.
+fn sensor_size(text: &str) -> Result<[String; 2], Fault> {
     if let Some((_, width, height)) = SENSOR_TYPES.iter().find(|(name, ..)| *name == text) {
-        return Ok((width, height));
+        return Ok([*width, *height].map(str::to_owned));
     }
-    text.split_once('x').ok_or_else(|| {
-        let types: Vec<_> = SENSOR_TYPES.iter().map(|(name, ..)| *name).collect();
-        fault::usage(format!(
+    let types: Vec<_> = SENSOR_TYPES.iter().map(|(name, ..)| *name).collect();
+    let hint = format!("write 4.8mmx3.6mm or one of the types {}", types.join(", "));
+    let Some((width, height)) = text.split_once('x') else {
+        return Err(fault::usage(format!(
             "--sensor '{text}' is neither a size nor a known type"
         ))
-        .hint(format!(
-            "write 4.8mmx3.6mm or one of the types {}",
-            types.join(", ")
-        ))
-    })
+        .hint(hint));
+    };
+    let [width, height] = [width.trim(), height.trim()];
+    let unit = |s: &str| s[s.trim_end_matches(char::is_alphabetic).len()..].to_owned();
+    match (unit(width), unit(height)) {
+        (a, b) if a.is_empty() && b.is_empty() => {
+            Err(fault::usage(format!("--sensor '{text}' has no unit")).hint(hint))
+        }
+        (a, b) if a.is_empty() => Ok([format!("{width}{b}"), height.to_owned()]),
+        (a, b) if b.is_empty() => Ok([width.to_owned(), format!("{height}{a}")]),
+        _ => Ok([width, height].map(str::to_owned)),
+    }
 }
 
 /// The rig, screen and viewer of the settings; the mode is parallel until a question sets another.

@@ -24,7 +24,8 @@ use crate::args::Global;
 use crate::output::{self, Format};
 use crate::rig::{self, RigFlags};
 
-const LONG: &str = "\
+/// What the command does, for its manual page.
+pub(crate) const LONG: &str = "\
 Run the loop: two cameras look, the target is found and followed, its distance is measured from the pair, filtered and predicted, and four \
 motors (pan, tilt, left and right vergence) keep both cameras on it.
 
@@ -63,7 +64,7 @@ pub(crate) enum SourceKind {
 
 /// Flags of `vergence run`.
 #[derive(Debug, clap::Args)]
-#[command(long_about = LONG, after_help = AFTER)]
+#[command(after_help = AFTER)]
 pub(crate) struct RunArgs {
     /// Where pairs come from.
     #[arg(long, value_enum, default_value_t)]

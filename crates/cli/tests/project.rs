@@ -119,6 +119,41 @@ fn one_point_has_the_spot_values_of_the_model() {
     assert_eq!(again["cases"][0]["result"], case["result"]);
 }
 
+/// With pixels that are not square each direction has its own: q in pixels is the difference of the rows, p that of the
+/// columns.
+#[test]
+fn parallax_in_pixels_is_the_difference_of_pixels() {
+    for resolution in ["1024x768", "1024x576"] {
+        let json = Place::new()
+            .run(&[
+                "project",
+                "--mode",
+                "converged",
+                "--convergence",
+                "1m",
+                "--point",
+                "0.3,0.2,1",
+                "--resolution",
+                resolution,
+                "--format",
+                "json",
+            ])
+            .json();
+        let picture = &json["cases"][0]["picture"];
+        let at = |side: &str, k: usize| picture[side][k].as_f64().unwrap();
+        let q = at("left_px", 1) - at("right_px", 1);
+        let p = at("right_px", 0) - at("left_px", 0);
+        assert!(
+            (picture["q_px"].as_f64().unwrap() - q).abs() < 1e-9,
+            "{picture}"
+        );
+        assert!(
+            (picture["p_px"].as_f64().unwrap() - p).abs() < 1e-9,
+            "{picture}"
+        );
+    }
+}
+
 #[test]
 fn points_that_no_camera_sees_are_told_and_not_computed() {
     let place = Place::new();
@@ -186,6 +221,8 @@ fn bad_input_is_refused_with_its_place() {
         .file("noid.json", "{\"cases\": [{\"mode\": \"parallel\"}]}")
         .file("nof.json", "{\"cases\": [{\"id\": \"a1\", \"mode\": \"parallel\", \"t\": 0.07}]}")
         .file("zero.json", "{\"cases\": [{\"id\": \"z9\", \"mode\": \"parallel\", \"t\": 0, \"f\": 0.0065, \"M\": 50, \"e\": 0.065, \"V\": 0.7, \"x0\": 0, \"y0\": 0, \"z0\": 1}]}")
+        .file("typo.json", "{\"cases\": [{\"id\": \"p\", \"mode\": \"parallel\", \"Pupil\": 0.02, \"t\": 0.07, \"f\": 0.0065, \"M\": 50, \"e\": 0.065, \"V\": 0.7, \"x0\": 0, \"y0\": 0, \"z0\": 1}]}")
+        .file("fine.json", "{\"cases\": []}")
         .file("nol.json", "{\"arrays\": [{\"id\": \"r\", \"mode\": \"converged\", \"n\": 3, \"t\": 0.07, \"f\": 0.0065, \"M\": 50, \"x0\": 0, \"y0\": 0, \"z0\": 1}]}");
     for (args, says) in [
         (
@@ -209,6 +246,18 @@ fn bad_input_is_refused_with_its_place() {
         (&["--cases", "noid.json"], "case number 1 has no id"),
         (&["--cases", "nof.json"], "case a1: missing field"),
         (&["--cases", "zero.json"], "case z9: interaxial is 0"),
+        (
+            &["--cases", "typo.json"],
+            "case p: unknown field \"Pupil\"; the nearest is \"pupil\"",
+        ),
+        (
+            &["--cases", "fine.json", "--base", "1m"],
+            "cannot be used with '--base <LENGTH>'",
+        ),
+        (
+            &["--cases", "fine.json", "--format", "text"],
+            "--cases answers in JSON only",
+        ),
         (
             &["--cases", "nol.json"],
             "array r: mode converged needs the field \"L\"",

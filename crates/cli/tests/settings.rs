@@ -186,12 +186,29 @@ fn every_command_has_a_manual_page() {
     ] {
         assert!(all.contains(word), "{word}\n{all}");
     }
-    for command in ["plan", "project", "config"] {
+    // The first words of what each page says at length; lines are wrapped, so white space is evened out.
+    for (command, says) in [
+        (
+            "plan",
+            "Say at which distances parallel cameras will do and at which both must be brought to bear on the target",
+        ),
+        ("project", "exact projection, no small-angle formulas"),
+        (
+            "run",
+            "Run the loop: two cameras look, the target is found and followed",
+        ),
+        (
+            "config",
+            "Print the effective settings as a TOML file: every key with its value",
+        ),
+    ] {
         let page = place.run(&[command, "--help"]).good();
-        assert!(
-            page.contains("Examples:") && page.contains("JSON"),
-            "{page}"
-        );
+        let even = page.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(even.contains(says), "{command}: {page}");
+        assert!(page.contains("Examples:"), "{page}");
+        assert!(command == "run" || page.contains("JSON"), "{page}");
+        let short = place.run(&[command, "-h"]).good();
+        assert!(!short.contains(says), "-h is the short page: {short}");
     }
 }
 

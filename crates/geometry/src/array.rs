@@ -131,16 +131,19 @@ pub struct Sensor {
 impl Default for Sensor {
     /// 1/3 inch (4.8 x 3.6 mm), 1024 x 768.
     fn default() -> Self {
-        Self {
-            width_m: 0.0048,
-            height_m: 0.0036,
-            width_px: 1024,
-            height_px: 768,
-        }
+        Self::THIRD_INCH
     }
 }
 
 impl Sensor {
+    /// A 1/3 inch sensor (4.8 x 3.6 mm), 1024 x 768.
+    pub const THIRD_INCH: Self = Self {
+        width_m: 0.0048,
+        height_m: 0.0036,
+        width_px: 1024,
+        height_px: 768,
+    };
+
     /// A 1/2 inch sensor (6.4 x 4.8 mm), 1024 x 768.
     pub const HALF_INCH: Self = Self {
         width_m: 0.0064,

@@ -4,7 +4,7 @@
 //! their limits in metres on the screen ([`Rule::parallax_limits`]), from which [`crate::planning`] gets distances.
 //!
 //! None of these rules is a law: they are summaries of studies and of trade practice, for median viewers. Where a constant
-//! could not be confirmed in its source, the rule says so (`RuleInfo::confirmed` is false, and its doc comment names it).
+//! could not be confirmed in its source, the rule says so ([`RuleInfo::basis`], and its doc comment names it).
 
 mod parallax;
 mod picture;
@@ -75,7 +75,7 @@ impl Bands {
 }
 
 /// Limits of a rule as horizontal screen parallax p, metres; `front_*` <= 0 <= `behind_*`. An infinite value is no
-/// limit on that side.
+/// limit in front; behind the screen no limit exceeds the eyes' separation e, beyond which they would have to diverge.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ParallaxLimits {
     /// Nearest acceptable, <= 0.
@@ -88,6 +88,32 @@ pub struct ParallaxLimits {
     pub behind_acceptable_m: f64,
     /// Between these two there is no stereo sense; `None` when the rule has no such level.
     pub no_depth_m: Option<[f64; 2]>,
+}
+
+/// Where the constants of a rule come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Basis {
+    /// Read in the source that is named, or plain geometry.
+    Read,
+    /// At least one is from second hand: the source that is named could not be read.
+    Unconfirmed,
+    /// Fitted by this project to distances that a study reports.
+    Fitted,
+    /// Chosen by this project.
+    Design,
+}
+
+/// The sign that a rule's quantity has in front of the screen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Front {
+    /// In front is > 0: seen depth, crossed disparity, dioptres.
+    Positive,
+    /// In front is < 0: parallax and what is in proportion to it.
+    Negative,
+    /// The quantity does not tell front from behind.
+    Neither,
 }
 
 /// What a rule is: for lists and reports.
@@ -105,8 +131,10 @@ pub struct RuleInfo {
     pub beyond: &'static str,
     /// Author, year, work; or "design value".
     pub source: &'static str,
-    /// Whether the constants were read in that source; when false they are from second hand or chosen by this project.
-    pub confirmed: bool,
+    /// Where the constants come from.
+    pub basis: Basis,
+    /// The sign of the measured quantity for what is seen in front of the screen.
+    pub front: Front,
     /// Where the rule holds, in words.
     pub limits: &'static str,
 }
@@ -255,13 +283,29 @@ impl Rule {
     }
 
     /// The verdict for horizontal screen parallax `p_m` on the axis; `None` for rules that measure something else.
+    /// Parallax above the eyes' separation is excessive by every rule, whatever the rule's own number allows.
     pub fn verdict_for_parallax(&self, p_m: f64, viewing: &Viewing) -> Option<Verdict> {
-        self.measure_parallax(p_m, viewing)
-            .map(|value| self.verdict(value, viewing))
+        let value = self.measure_parallax(p_m, viewing)?;
+        let mut verdict = self.verdict(value, viewing);
+        if p_m > viewing.viewer.interocular_m {
+            verdict.band = Band::Excessive;
+        }
+        Some(verdict)
     }
 
-    /// The rule's limits as horizontal screen parallax, in closed form; `None` for rules that measure something else.
+    /// The rule's limits as horizontal screen parallax, in closed form, none of them above the eyes' separation; `None`
+    /// for rules that measure something else.
     pub fn parallax_limits(&self, viewing: &Viewing) -> Option<ParallaxLimits> {
+        let eyes = viewing.viewer.interocular_m;
+        self.own_parallax_limits(viewing)
+            .map(|limits| ParallaxLimits {
+                behind_comfortable_m: limits.behind_comfortable_m.min(eyes),
+                behind_acceptable_m: limits.behind_acceptable_m.min(eyes),
+                ..limits
+            })
+    }
+
+    fn own_parallax_limits(&self, viewing: &Viewing) -> Option<ParallaxLimits> {
         match self {
             Rule::SeenDepth(rule) => Some(rule.parallax_limits(viewing)),
             Rule::WidthFraction(rule) => Some(rule.parallax_limits(viewing)),

@@ -4,6 +4,7 @@
 //! they exist; where none does, a bracketed root of the exact projection ([`root::brent`]).
 
 pub mod advice;
+pub mod auto;
 pub mod budget;
 pub mod coverage;
 pub mod root;
@@ -12,7 +13,8 @@ pub mod thresholds;
 
 use serde::{Deserialize, Serialize};
 
-pub use advice::{Advice, ModeAdvice, Need, Policy, advise};
+pub use advice::{Advice, ModeAdvice, Need, Policy, advise, background_limit_m};
+pub use auto::{AutoSwitch, auto_switch};
 pub use budget::{BaseAndConvergence, DepthBudget, SceneRange};
 pub use coverage::{Coverage, coverage, depth_sigma_m};
 pub use table::{DistanceRow, Figures, ModeRow, distance_row};
@@ -130,6 +132,21 @@ impl Setup {
             p_m: m * dx,
             q_m: m * dy,
         })
+    }
+
+    /// The point of the plane `z = distance_m` in this direction (tangents right and up, e.g. [`Sensor::half_field`] for
+    /// the upper right corner) from half way between the two lenses next to the array's middle. The lenses, not the
+    /// pivots: seen from there the corner of the picture is its corner whatever the pupil.
+    pub fn point_in_picture(
+        &self,
+        views: &Views,
+        [right, up]: [f64; 2],
+        distance_m: f64,
+    ) -> [f64; 3] {
+        let left = (views.cameras().len() - 1) / 2;
+        let [a, b] = [left, left + 1].map(|i| views.cameras()[i].centre_m());
+        let ahead = distance_m - 0.5 * (a[1] + b[1]);
+        [0.5 * (a[0] + b[0]) + right * ahead, up * ahead, distance_m]
     }
 
     /// The array reduced to one pair, which is what a planner's question is about.

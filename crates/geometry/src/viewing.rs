@@ -71,6 +71,14 @@ impl Viewer {
         (rest >= 0.0).then(|| self.distance_m * self.interocular_m / rest)
     }
 
+    /// How far before the screen a point with screen parallax `p_m` is seen, over V: `Z / V = -p / (e - p)`, + in front;
+    /// `None` at infinity and beyond (p >= e).
+    pub fn seen_fraction(&self, p_m: f64) -> Option<f64> {
+        let e = self.interocular_m;
+        // A zero without its sign.
+        (p_m < e).then(|| -p_m / (e - p_m) + 0.0)
+    }
+
     /// Screen parallax that puts a point at distance `d_m` from the viewer: `p = e (D - V) / D`; inverse of
     /// [`Self::seen_distance_m`]. An infinite distance gives e.
     pub fn parallax_at_m(&self, d_m: f64) -> f64 {

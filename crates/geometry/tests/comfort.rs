@@ -7,8 +7,8 @@
 
 use vergence_geometry::Viewer;
 use vergence_geometry::comfort::{
-    AngularDisparity, Band, Orthostereo, PuppetTheatre, Roundness, Rule, SeenDepth, Shibata,
-    VerticalParallax, Viewing, WindowViolation, floating_window,
+    AngularDisparity, Band, Basis, Front, Orthostereo, PuppetTheatre, Roundness, Rule, SeenDepth,
+    Shibata, VerticalParallax, Viewing, WindowViolation, floating_window,
 };
 
 /// The paper's rig on a 1/3 inch sensor, M = 50.
@@ -97,9 +97,25 @@ fn rules_are_listed_with_their_sources() {
         assert_eq!(ids.iter().filter(|other| *other == id).count(), 1, "{id}");
         let info = Rule::by_id(id).unwrap().info();
         assert!(!info.source.is_empty() && !info.quantity.is_empty() && !info.limits.is_empty());
-        // A constant from second hand or chosen by the project is never called confirmed.
-        let hearsay = info.source.contains("unconfirmed") || info.source.contains("design value");
-        assert!(!(hearsay && info.confirmed) || *id == "divergence", "{id}");
+        // A constant from second hand, fitted or chosen by the project is never called read.
+        let basis = if info.source.contains("unconfirmed") && info.basis != Basis::Design {
+            Basis::Unconfirmed
+        } else if info.source.contains("design value") {
+            Basis::Design
+        } else if info.source.contains("fitted") {
+            Basis::Fitted
+        } else {
+            Basis::Read
+        };
+        assert_eq!(info.basis, basis, "{id}");
+        // The sign that is stated is the sign that is measured.
+        let sign = match info.front {
+            Front::Positive => Some(1.0),
+            Front::Negative => Some(-1.0),
+            Front::Neither => None,
+        };
+        let measured = Rule::by_id(id).unwrap().measure_parallax(-0.001, &NEAR);
+        assert_eq!(measured.map(f64::signum), sign, "{id}");
     }
     assert_eq!(ids[0], Rule::default().info().id);
     assert!(Rule::by_id("no-such-rule").is_none());

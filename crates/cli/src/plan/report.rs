@@ -2,20 +2,26 @@
 
 use serde::Serialize;
 use vergence_geometry::ModeKind;
-use vergence_geometry::comfort::{Bands, Rule};
+use vergence_geometry::comfort::{Bands, Basis, Front, Rule};
 use vergence_geometry::planning::budget::{self, SeenRange};
 use vergence_geometry::planning::{
-    BaseAndConvergence, DepthBudget, DistanceRow, Need, PaperDistance, Policy, SceneRange, Setup,
-    Thresholds, advise, coverage, depth_sigma_m, distance_row, paper_distances, thresholds,
+    AutoSwitch, BaseAndConvergence, DepthBudget, DistanceRow, Need, PaperDistance, Policy,
+    SceneRange, Setup, Thresholds, advise, auto_switch, background_limit_m, coverage,
+    depth_sigma_m, distance_row, paper_distances, thresholds,
 };
 
 use super::{text, warnings};
 use crate::fault;
+use crate::figure::axis::Axis;
 use crate::rig::{self, refused};
 use crate::settings::Settings;
 
 /// Disparity that a matcher measures with this deviation, pixels; for the depth resolution of the table.
 pub(super) const MATCHER_SIGMA_PX: f64 = 0.25;
+/// Seen range about a desktop screen, metres to each side; for that a viewer is at arm's length, not in a cinema.
+const DESKTOP_RANGE_M: f64 = 0.055;
+/// A viewer farther away than this does not sit at a desk.
+const DESKTOP_VIEWER_M: f64 = 1.0;
 /// Distances at which a change of the verdict is looked for.
 const SCAN_STEPS: usize = 400;
 
@@ -72,14 +78,19 @@ impl Question {
         Ok(question)
     }
 
+    /// Near to far; evenly in ratios where the range is wide.
+    pub(crate) fn distance_axis(&self, label: &str) -> Axis {
+        if self.far_m / self.near_m <= 20.0 {
+            Axis::linear(label, self.near_m, self.far_m)
+        } else {
+            Axis::log(label, self.near_m, self.far_m)
+        }
+    }
+
     /// Distances of the table: round ones between near and far, and both ends.
     pub(crate) fn distances(&self) -> Vec<f64> {
         let (near, far) = (self.near_m, self.far_m);
-        let axis = if far / near <= 20.0 {
-            crate::figure::axis::Axis::linear("", near, far)
-        } else {
-            crate::figure::axis::Axis::log("", near, far)
-        };
+        let axis = self.distance_axis("");
         let mut out = vec![near];
         for (value, _) in axis.ticks(10) {
             // A tick that nearly is an end would be a row twice.
@@ -132,11 +143,15 @@ pub(crate) struct Verdict {
     pub(crate) sentence: String,
     /// The same for a rig that can turn its cameras but whose pictures are not shifted; empty when nothing changes.
     pub(crate) sentence_without_shift: String,
+    /// Where `vergence run --mode auto` changes over, and why there; empty when it never does.
+    pub(crate) sentence_auto: String,
     pub(crate) rule: &'static str,
     /// With every mode that was asked for.
     pub(crate) segments: Vec<Segment>,
-    /// Without mode `shifted`.
+    /// Without mode `shifted`; empty unless both it and `converged` were asked for.
     pub(crate) without_shift: Vec<Segment>,
+    /// The distances between which `vergence run --mode auto` changes over; `null` when the rule sets none.
+    pub(crate) auto: Option<AutoSwitch>,
 }
 
 /// A stretch of distances with one answer.
@@ -144,10 +159,16 @@ pub(crate) struct Verdict {
 pub(crate) struct Segment {
     pub(crate) from_m: f64,
     pub(crate) to_m: f64,
-    pub(crate) mode: &'static str,
+    pub(crate) mode: ModeKind,
     pub(crate) need: Need,
-    /// Whether that mode meets all limits.
+    /// Whether the target, the keystone and the crop are within their limits.
+    pub(crate) target_acceptable: bool,
+    /// Whether the background, at the distance that was asked for, is within the rule's limit.
+    pub(crate) background_acceptable: bool,
+    /// Both: nothing in the picture breaks a limit.
     pub(crate) acceptable: bool,
+    /// The farthest background within the rule's limit for a target at `from_m`; `null` when any is.
+    pub(crate) background_within_m: Option<f64>,
 }
 
 /// A rule and its distances.
@@ -158,7 +179,8 @@ pub(crate) struct RuleThresholds {
     pub(crate) unit: &'static str,
     pub(crate) beyond: &'static str,
     pub(crate) source: &'static str,
-    pub(crate) confirmed: bool,
+    pub(crate) basis: Basis,
+    pub(crate) front: Front,
     pub(crate) holds_for: &'static str,
     pub(crate) bands: Bands,
     #[serde(flatten)]
@@ -191,20 +213,22 @@ impl Report {
     pub(crate) fn of(question: &Question) -> anyhow::Result<Self> {
         let setup = &question.setup;
         let all = segments(question, &question.modes)?;
-        let turning: Vec<_> = question
-            .modes
-            .iter()
-            .copied()
-            .filter(|m| *m != ModeKind::Shifted)
-            .collect();
+        let has = |mode| question.modes.contains(&mode);
+        let without_shift = if has(ModeKind::Shifted) && has(ModeKind::Converged) {
+            segments(question, &[ModeKind::Parallel, ModeKind::Converged])?
+        } else {
+            Vec::new()
+        };
         let mut report = Self {
             setup: facts(question),
             verdict: Verdict {
                 sentence: String::new(),
                 sentence_without_shift: String::new(),
+                sentence_auto: String::new(),
                 rule: question.rule.info().id,
                 segments: all,
-                without_shift: segments(question, &turning)?,
+                without_shift,
+                auto: auto_switch(setup, &question.rule).map_err(refused)?,
             },
             thresholds: Rule::all()
                 .iter()
@@ -221,6 +245,7 @@ impl Report {
         };
         report.verdict.sentence = text::sentence(question, &report);
         report.verdict.sentence_without_shift = text::sentence_without_shift(&report);
+        report.verdict.sentence_auto = text::sentence_auto(&report);
         report.warnings = warnings::of(question, &report)?;
         Ok(report)
     }
@@ -263,7 +288,8 @@ fn rule_thresholds(setup: &Setup, rule: &Rule) -> anyhow::Result<RuleThresholds>
         unit: info.unit,
         beyond: info.beyond,
         source: info.source,
-        confirmed: info.confirmed,
+        basis: info.basis,
+        front: info.front,
         holds_for: info.limits,
         bands: rule.bands(&setup.viewing()),
         distances: thresholds(setup, rule).map_err(refused)?,
@@ -293,20 +319,34 @@ fn segments(question: &Question, modes: &[ModeKind]) -> anyhow::Result<Vec<Segme
             .collect(),
         ..Policy::default()
     };
-    let only_parallel = modes == [ModeKind::Parallel];
-    let at = |z: f64| -> anyhow::Result<(&'static str, Need, bool)> {
+    let at = |z: f64| -> anyhow::Result<(ModeKind, Need, bool, bool)> {
         let advice = advise(&question.setup, &policy, z).map_err(refused)?;
-        let mode = if only_parallel {
-            ModeKind::Parallel
-        } else {
-            advice.recommended
+        // One mode that was asked for is judged, not replaced.
+        let mode = match modes {
+            [only] => *only,
+            _ => advice.recommended,
         };
-        let acceptable = advice
-            .modes
-            .iter()
-            .find(|m| m.mode == mode)
-            .is_some_and(|m| m.acceptable);
-        Ok((mode.name(), advice.need, acceptable))
+        let found = advice.modes.iter().find(|m| m.mode == mode);
+        Ok((
+            mode,
+            advice.need,
+            found.is_some_and(|m| m.target_acceptable),
+            found.is_some_and(|m| m.background_acceptable),
+        ))
+    };
+    let segment = |from_m, to_m, (mode, need, target_acceptable, background_acceptable)| {
+        let background_within_m =
+            background_limit_m(&question.setup, &question.rule, mode, from_m).map_err(refused)?;
+        anyhow::Ok(Segment {
+            from_m,
+            to_m,
+            mode,
+            need,
+            target_acceptable,
+            background_acceptable,
+            acceptable: target_acceptable && background_acceptable,
+            background_within_m,
+        })
     };
     let step = (question.far_m / question.near_m).ln() / SCAN_STEPS as f64;
     let distance = |i: usize| question.near_m * (step * i as f64).exp();
@@ -325,27 +365,13 @@ fn segments(question: &Question, modes: &[ModeKind]) -> anyhow::Result<Vec<Segme
                     high = middle;
                 }
             }
-            out.push(segment(from, high, here));
+            out.push(segment(from, high, here)?);
             from = high;
             here = next;
         }
     }
-    out.push(segment(from, question.far_m, here));
+    out.push(segment(from, question.far_m, here)?);
     Ok(out)
-}
-
-fn segment(
-    from_m: f64,
-    to_m: f64,
-    (mode, need, acceptable): (&'static str, Need, bool),
-) -> Segment {
-    Segment {
-        from_m,
-        to_m,
-        mode,
-        need,
-        acceptable,
-    }
 }
 
 /// Bases that would fill the usual depth budgets with the scene from near to the background.
@@ -361,31 +387,31 @@ fn budgets(question: &Question) -> anyhow::Result<Vec<Budget>> {
         behind: 0.02,
     };
     let percent = budget::percent_budget(&scene, &broadcast, focal, width).map_err(refused)?;
-    let mut out = vec![
-        named(
-            "broadcast, 1 % in front and 2 % behind",
-            "BSkyB guidelines; 2 % behind unconfirmed",
-            percent,
-        ),
-        Budget {
+    let mut out = vec![named(
+        "broadcast, 1 % in front and 2 % behind",
+        "BSkyB guidelines; 2 % behind unconfirmed",
+        percent,
+    )];
+    // Bercovitz' lens formula has no answer for things within the focal length.
+    if scene.near_m > focal {
+        out.push(Budget {
             name: "1/30 of the width in all",
             source: "Bercovitz; convergence is left to the mounting",
             interaxial_m: budget::bercovitz_base_m(&scene, focal, width / 30.0).map_err(refused)?,
             convergence_m: None,
-        },
-    ];
-    // Plus and minus 55 mm about the screen; a viewer nearer than that has no such range.
+        });
+    }
     let seen = SeenRange {
-        front_m: 0.055,
-        behind_m: 0.055,
+        front_m: DESKTOP_RANGE_M,
+        behind_m: DESKTOP_RANGE_M,
     };
     let [half_x, _] = setup.sensor.half_field(focal);
-    if setup.viewer.distance_m > seen.front_m {
+    if setup.viewer.distance_m > seen.front_m && setup.viewer.distance_m <= DESKTOP_VIEWER_M {
         let jones = budget::jones(&scene, &seen, &setup.viewer, half_x, setup.screen_width_m())
             .map_err(refused)?;
         out.push(named(
-            "seen within 55 mm of the screen",
-            "Jones et al. 2001",
+            "desktop, seen within 55 mm of the screen",
+            "after Jones et al. 2001, text not read",
             jones.rig,
         ));
     }

@@ -1,7 +1,7 @@
 //! The answer of a plan in words and tables.
 
 use vergence_geometry::ModeKind;
-use vergence_geometry::comfort::Band;
+use vergence_geometry::comfort::{Band, Basis, Front};
 use vergence_geometry::planning::{Figures, ModeRow, Need};
 
 use super::report::{MATCHER_SIGMA_PX, Question, Report, RuleThresholds, Segment};
@@ -15,11 +15,13 @@ const WIDTH: usize = 112;
 pub(super) fn of(question: &Question, report: &Report) -> String {
     let mut out = heading(report);
     out += &format!("\n{}\n", plain_wrapped(&report.verdict.sentence, WIDTH, ""));
-    if !report.verdict.sentence_without_shift.is_empty() {
-        out += &format!(
-            "{}\n",
-            plain_wrapped(&report.verdict.sentence_without_shift, WIDTH, "")
-        );
+    for more in [
+        &report.verdict.sentence_without_shift,
+        &report.verdict.sentence_auto,
+    ] {
+        if !more.is_empty() {
+            out += &format!("{}\n", plain_wrapped(more, WIDTH, ""));
+        }
     }
     out += &thresholds(report);
     out += &paper(report);
@@ -62,17 +64,13 @@ fn heading(report: &Report) -> String {
         short(s.interocular_m * 1e3),
         metres(s.near_m),
         metres(s.far_m),
-        if s.background_m.is_finite() {
-            metres(s.background_m)
-        } else {
-            "infinity".to_owned()
-        },
+        far(report),
     )
 }
 
 /// The verdict: which mode at which distances, by which rule.
 pub(super) fn sentence(question: &Question, report: &Report) -> String {
-    let sentence = capital(&clauses(&report.verdict.segments));
+    let sentence = capital(&clauses(&report.verdict.segments, &far(report)));
     let mut ends = String::new();
     if let Some(t) = report.deciding() {
         let far = question.far_m;
@@ -102,13 +100,47 @@ pub(super) fn sentence_without_shift(report: &Report) -> String {
     }
     format!(
         "With turning cameras alone (no shift): {}.",
-        clauses(&verdict.without_shift)
+        clauses(&verdict.without_shift, &far(report))
     )
 }
 
-fn clauses(segments: &[Segment]) -> String {
-    let parts: Vec<String> = merged(segments).iter().map(clause).collect();
+/// Where a running rig changes its mode, and how that goes with the verdict; empty when it does not or may not.
+pub(super) fn sentence_auto(report: &Report) -> String {
+    let Some(auto) = &report.verdict.auto else {
+        return String::new();
+    };
+    let needed = report
+        .deciding()
+        .and_then(|t| t.distances.parallel_comfortable_from_m);
+    let between = match needed {
+        Some(needed) if needed < auto.near_m => format!(
+            "Zero parallax on the target is needed nearer than {} and still shows more depth up to {}: ",
+            metres(needed),
+            metres(auto.near_m)
+        ),
+        _ => String::new(),
+    };
+    format!(
+        "{between}`vergence run --mode auto` converges nearer than {} ({}), goes parallel beyond {} ({}) and changes nothing between.",
+        metres(auto.near_m),
+        auto.near_is,
+        metres(auto.far_m),
+        auto.far_is
+    )
+}
+
+fn clauses(segments: &[Segment], far: &str) -> String {
+    let parts: Vec<String> = merged(segments).iter().map(|c| clause(c, far)).collect();
     parts.join("; ")
+}
+
+/// Distance of the background in words.
+pub(super) fn far(report: &Report) -> String {
+    if report.setup.background_m.is_finite() {
+        metres(report.setup.background_m)
+    } else {
+        "infinity".to_owned()
+    }
 }
 
 fn capital(text: &str) -> String {
@@ -118,46 +150,90 @@ fn capital(text: &str) -> String {
     })
 }
 
-/// Neighbouring segments that read the same, joined; the need is the graver one.
-fn merged(segments: &[Segment]) -> Vec<Segment> {
-    let mut out: Vec<Segment> = Vec::new();
+/// A stretch of distances with one advice.
+struct Clause<'a> {
+    first: &'a Segment,
+    to_m: f64,
+    /// From here on the background that was asked for is within the rule's limit, if not all along.
+    background_from_m: Option<f64>,
+}
+
+/// Neighbouring segments with the same advice as one clause.
+fn merged(segments: &[Segment]) -> Vec<Clause<'_>> {
+    let mut out: Vec<Clause<'_>> = Vec::new();
     for segment in segments {
         match out.last_mut() {
-            Some(last) if advice(last) == advice(segment) => {
+            Some(last) if advice(last.first) == advice(segment) => {
                 last.to_m = segment.to_m;
-                last.need = last.need.max(segment.need);
+                if segment.background_acceptable && last.background_from_m.is_none() {
+                    last.background_from_m = Some(segment.from_m);
+                }
             }
-            _ => out.push(segment.clone()),
+            _ => out.push(Clause {
+                first: segment,
+                to_m: segment.to_m,
+                background_from_m: None,
+            }),
         }
     }
     out
 }
 
-fn clause(s: &Segment) -> String {
+fn clause(c: &Clause<'_>, far: &str) -> String {
+    let s = c.first;
+    let background = match s.background_within_m {
+        Some(within) if !s.background_acceptable => format!(
+            ", with the background nearer than {} for a target at {}{}",
+            metres(within),
+            metres(s.from_m),
+            c.background_from_m.map_or(String::new(), |z| format!(
+                " (from {} on it may be at {far})",
+                metres(z)
+            ))
+        ),
+        _ => String::new(),
+    };
     format!(
-        "from {} to {} {}",
+        "from {} to {} {}{background}",
         metres(s.from_m),
-        metres(s.to_m),
+        metres(c.to_m),
         advice(s)
     )
 }
 
 /// What to do, without the distances.
 fn advice(s: &Segment) -> &'static str {
-    match (s.mode, s.acceptable, s.need) {
-        ("shifted", true, _) => {
+    let needed = s.need >= Need::Advised;
+    match (s.mode, s.target_acceptable) {
+        (ModeKind::Shifted, true) if needed => {
             "put zero parallax on the target by shifting the pictures of parallel cameras"
         }
-        ("shifted", false, _) => {
+        (ModeKind::Shifted, true) => {
+            "shifted pictures are within the limits, though parallel ones would be comfortable"
+        }
+        (ModeKind::Shifted, false) if needed => {
             "put zero parallax on the target by shifting the pictures (at the cost of more width than the limit)"
         }
-        ("converged", true, _) => "converge the cameras on the target",
-        ("converged", false, _) => {
+        (ModeKind::Shifted, false) => {
+            "shifting the pictures costs more width than the limit, and parallel ones would be comfortable"
+        }
+        (ModeKind::Converged | ModeKind::Verged, true) if needed => {
+            "converge the cameras on the target"
+        }
+        (ModeKind::Converged | ModeKind::Verged, true) => {
+            "converged cameras are within the limits, though parallel ones would be comfortable"
+        }
+        (ModeKind::Converged | ModeKind::Verged, false) if needed => {
             "converge the cameras on the target (with more vertical parallax in the corners than the limit)"
         }
-        (_, _, Need::Required) => "parallel cameras are beyond the limit",
-        (_, _, Need::Advised) => "parallel cameras are within the limit but beyond comfort",
-        _ => "parallel cameras are comfortable",
+        (ModeKind::Converged | ModeKind::Verged, false) => {
+            "converged cameras leave more vertical parallax in the corners than the limit, and parallel ones would be comfortable"
+        }
+        (ModeKind::Parallel, _) => match s.need {
+            Need::Required => "parallel cameras are beyond the limit",
+            Need::Advised => "parallel cameras are within the limit but beyond comfort",
+            Need::Optional | Need::None => "parallel cameras are comfortable",
+        },
     }
 }
 
@@ -182,7 +258,7 @@ fn limits_in_words(report: &Report) -> String {
 fn bands_in_front(t: &RuleThresholds) -> [(f64, f64); 2] {
     let low = (t.bands.acceptable[0], t.bands.comfortable[0]);
     let high = (t.bands.acceptable[1], t.bands.comfortable[1]);
-    if t.quantity.contains("+ in front") || t.quantity.contains("+ crossed") {
+    if t.front == Front::Positive {
         [high, low]
     } else {
         [low, high]
@@ -205,7 +281,8 @@ fn value(v: f64, unit: &str) -> String {
 fn thresholds(report: &Report) -> String {
     let mut out = String::from(
         "\nThresholds of every rule, distance of the target in metres\n\
-         (* gives the verdict; ? constants unconfirmed in their source; - the rule says nothing or the limit is never met)\n\n\
+         (* gives the verdict; constants: ? unconfirmed in their source, f fitted or d chosen by this project; - the rule says\n\
+         nothing or the limit is never met)\n\n\
          rule                               parallel           background behind    parallel    modes    toe-in corners\n\
          \x20                                  fusible  comfort.   fusible  comfort.   no depth    alike    limit    good\n",
     );
@@ -225,13 +302,19 @@ fn thresholds(report: &Report) -> String {
         if all.iter().all(Option::is_none) {
             continue;
         }
-        let mark = match (d.rule == report.verdict.rule, t.confirmed) {
-            (true, _) => "*",
-            (false, true) => " ",
-            (false, false) => "?",
+        let mark = if d.rule == report.verdict.rule {
+            "*"
+        } else {
+            " "
+        };
+        let basis = match t.basis {
+            Basis::Read => " ",
+            Basis::Unconfirmed => "?",
+            Basis::Fitted => "f",
+            Basis::Design => "d",
         };
         out += &format!(
-            "{mark} {:<32} {:>7}  {:>8}   {:>7}  {:>8}   {:>8} {:>8} {:>8} {:>7}\n",
+            "{mark}{basis} {:<31} {:>7}  {:>8}   {:>7}  {:>8}   {:>8} {:>8} {:>8} {:>7}\n",
             t.name,
             cell(all[0]),
             cell(all[1]),
@@ -246,6 +329,21 @@ fn thresholds(report: &Report) -> String {
     out += "\nfusible, comfort.: from here on; background: with zero parallax on the target, the background's own limits;\n\
             no depth: beyond it a parallel target shows no depth; alike: beyond it neither mode shows any;\n\
             toe-in corners: from here on vertical parallax in the corners is below the rule's limit, or good.\n";
+    for t in &report.thresholds {
+        let d = &t.distances;
+        if let (Some(parallel), Some(flat), Some(converged), Some(cardboard)) = (
+            d.parallel_round_until_m,
+            d.parallel_cardboard_from_m,
+            d.converged_round_until_m,
+            d.converged_cardboard_from_m,
+        ) {
+            out += &format!(
+                "{}: parallel targets are round until {parallel:.2} m, like cardboard from {flat:.2} m; converged until {converged:.2} m, \
+                 from {cardboard:.2} m (fitted)\n",
+                t.name
+            );
+        }
+    }
     out
 }
 
@@ -282,11 +380,7 @@ fn paper(report: &Report) -> String {
 }
 
 fn table(report: &Report, mode: ModeKind) -> String {
-    let far = if report.setup.background_m.is_finite() {
-        metres(report.setup.background_m)
-    } else {
-        "infinity".to_owned()
-    };
+    let far = far(report);
     let what = match mode {
         ModeKind::Parallel => "parallel: the target's figures".to_owned(),
         _ => format!(
@@ -296,8 +390,18 @@ fn table(report: &Report, mode: ModeKind) -> String {
     };
     let mut out = format!(
         "\n{what}\n\
-         distance  parallax      part of      in  disparity     seen    seen    round-  corner, vertical parallax\n\
-         m               mm        width      px     arcmin       mm   % of V     ness     mm      px  arcmin   band\n"
+         distance  parallax      part of      in  disparity     seen    seen    round-  {}\n\
+         m               mm        width      px     arcmin       mm   % of V     ness  {}   band\n",
+        if mode == ModeKind::Shifted {
+            "width"
+        } else {
+            "corner, vertical parallax"
+        },
+        if mode == ModeKind::Shifted {
+            "lost %"
+        } else {
+            "   mm      px  arcmin"
+        },
     );
     for t in &report.table {
         for m in t.row.modes.iter().filter(|m| m.mode == mode) {
@@ -316,7 +420,9 @@ fn table(report: &Report, mode: ModeKind) -> String {
         ModeKind::Converged => {
             "p > 0 is behind the screen; corner: 1 px good, 2 px limit; 5 arcmin good, 10 limit (design values)\n"
         }
-        _ => "p > 0 is behind the screen; shifting leaves no vertical parallax\n",
+        _ => {
+            "p > 0 is behind the screen; shifting leaves no vertical parallax but costs width: 10 % is the limit (design value)\n"
+        }
     };
     out
 }
@@ -328,12 +434,22 @@ fn table_row(z: f64, m: &ModeRow, f: &Figures) -> String {
     let band = match f.band {
         Some(Band::NoDepth) => "no depth",
         Some(Band::Comfortable) => "comfortable",
-        Some(Band::Acceptable) => "limit near",
+        Some(Band::Acceptable) => "beyond comfort",
         Some(Band::Excessive) => "too much",
         None => "-",
     };
+    let price = if m.mode == ModeKind::Shifted {
+        format!("{:>6.1}", m.crop_fraction * 100.0)
+    } else {
+        format!(
+            "{:>6.2} {:>7.1} {:>7.1}",
+            m.corner_vertical_m * 1e3,
+            m.corner_vertical_px,
+            m.corner_vertical_arcmin
+        )
+    };
     format!(
-        "{:<8} {:>9.2} {:>10.2} % {:>7.1} {:>10.1} {:>8} {:>8} {:>8} {:>6.2} {:>7.1} {:>7.1}   {band}\n",
+        "{:<8} {:>9.2} {:>10.2} % {:>7.1} {:>10.1} {:>8} {:>8} {:>8} {price}   {band}\n",
         significant(z, 4),
         f.p_m * 1e3,
         f.width_fraction * 100.0,
@@ -342,9 +458,6 @@ fn table_row(z: f64, m: &ModeRow, f: &Figures) -> String {
         or_dash(f.seen_depth_m, 1e3, 1),
         or_dash(f.seen_depth_fraction, 100.0, 1),
         or_dash(m.roundness, 1.0, 3),
-        m.corner_vertical_m * 1e3,
-        m.corner_vertical_px,
-        m.corner_vertical_arcmin
     )
 }
 

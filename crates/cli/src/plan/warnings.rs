@@ -2,13 +2,14 @@
 
 use serde::Serialize;
 use vergence_geometry::ModeKind;
-use vergence_geometry::comfort::{Band, Keystone, Orthostereo, Rule};
+use vergence_geometry::comfort::{Band, Basis, Keystone, Orthostereo, Roundness, Rule};
 use vergence_geometry::planning::coverage::blind_until_m;
-use vergence_geometry::planning::{ModeRow, Setup};
+use vergence_geometry::planning::{ModeRow, Policy, Setup};
 
 use super::report::{Question, Report};
-use super::text::metres;
+use super::text::{far, metres};
 use crate::rig::refused;
+use crate::settings::quantity::significant;
 
 /// A warning with a stable code.
 #[derive(Debug, Serialize)]
@@ -19,10 +20,10 @@ pub(crate) struct Warning {
 
 /// Pixels further from square than this deserve a word.
 const SQUARE_TOLERANCE: f64 = 0.01;
-/// Part of the width that a shift may cost; the planner's own design value.
-const CROP_LIMIT: f64 = 0.10;
-/// Roundness below which people look like cardboard; fitted to the paper's 7 m.
-const CARDBOARD: f64 = 0.10;
+/// Axes that meet at more than this, degrees, are no stereo rig's any more.
+const WIDE_ANGLE_DEG: f64 = 20.0;
+/// A base from here on, metres, may be millimetres typed without their unit.
+const LONG_BASE_M: f64 = 2.0;
 
 /// All that apply, the gravest first.
 pub(super) fn of(question: &Question, report: &Report) -> anyhow::Result<Vec<Warning>> {
@@ -33,6 +34,7 @@ pub(super) fn of(question: &Question, report: &Report) -> anyhow::Result<Vec<War
         }
     };
     warn("blind", blind(question)?);
+    warn("wide_angle", wide_angle(question));
     warn("parallel_not_fusible", not_fusible(question, report));
     warn("keystone", keystone(report));
     warn("background", background(report));
@@ -65,14 +67,34 @@ fn blind(question: &Question) -> anyhow::Result<Option<String>> {
     }))
 }
 
+fn wide_angle(question: &Question) -> Option<String> {
+    let base = question.setup.array.interaxial_m;
+    let angle = 2.0 * (base / (2.0 * question.near_m)).atan().to_degrees();
+    (angle > WIDE_ANGLE_DEG).then(|| {
+        let meant = if base >= LONG_BASE_M {
+            format!(
+                " Did you mean {} mm? A length without a unit is metres.",
+                significant(base, 4)
+            )
+        } else {
+            String::new()
+        };
+        format!(
+            "Cameras {} apart look at a target at {} from {angle:.0} degrees apart: their pictures have little in common.{meant}",
+            metres(base),
+            metres(question.near_m)
+        )
+    })
+}
+
 fn not_fusible(question: &Question, report: &Report) -> Option<String> {
     let from = report.deciding()?.distances.parallel_fusible_from_m?;
     (question.modes.contains(&ModeKind::Parallel) && question.near_m < from).then(|| {
         format!(
-            "Parallel pictures of a target nearer than {} {} by the rule {}.",
+            "Parallel pictures of a target nearer than {} are beyond the limit of the rule {} (beyond it: {}).",
             metres(from),
-            question.rule.info().beyond,
-            question.rule.info().name
+            question.rule.info().name,
+            question.rule.info().beyond
         )
     })
 }
@@ -105,22 +127,22 @@ fn background(report: &Report) -> Option<String> {
     let (near, _) = rows(report, ModeKind::Converged)
         .chain(rows(report, ModeKind::Shifted))
         .next()?;
+    let within = report
+        .verdict
+        .segments
+        .first()
+        .and_then(|s| s.background_within_m)
+        .map_or(String::new(), |within| {
+            format!(" ({} for a target at {})", metres(within), metres(near))
+        });
     (near < from).then(|| {
         format!(
             "With zero parallax on a target nearer than {}, a background at {} is beyond the rule's limit behind the screen: keep it \
-             nearer, plain or out of focus.",
+             nearer{within}, plain or out of focus.",
             metres(from),
             far(report)
         )
     })
-}
-
-fn far(report: &Report) -> String {
-    if report.setup.background_m.is_finite() {
-        metres(report.setup.background_m)
-    } else {
-        "infinity".to_owned()
-    }
 }
 
 fn divergence(question: &Question, report: &Report) -> Option<String> {
@@ -138,26 +160,28 @@ fn divergence(question: &Question, report: &Report) -> Option<String> {
 }
 
 fn crop(report: &Report) -> Option<String> {
+    let limit = Policy::default().crop_limit;
     let (z, worst) = rows(report, ModeKind::Shifted)
         .max_by(|a, b| a.1.crop_fraction.total_cmp(&b.1.crop_fraction))?;
-    (worst.crop_fraction > 0.75 * CROP_LIMIT).then(|| {
+    (worst.crop_fraction > 0.75 * limit).then(|| {
         format!(
             "Shifting the pictures to {} costs {:.1} % of their width; {:.0} % is the limit (design value). Wider sensors or pictures help.",
             metres(z),
             worst.crop_fraction * 100.0,
-            CROP_LIMIT * 100.0
+            limit * 100.0
         )
     })
 }
 
 fn cardboard(report: &Report) -> Option<String> {
+    let limit = Roundness::default().acceptable;
     let (z, flat) = rows(report, ModeKind::Converged)
         .chain(rows(report, ModeKind::Shifted))
         .chain(rows(report, ModeKind::Parallel))
-        .find(|(_, m)| m.roundness.is_some_and(|r| r < CARDBOARD))?;
+        .find(|(_, m)| m.roundness.is_some_and(|r| r < limit))?;
     let r = flat.roundness?;
     Some(format!(
-        "At {} roundness is {r:.2} (1 = true shape): people look like cardboard figures; {CARDBOARD} is where the paper's observers saw no more \
+        "At {} roundness is {r:.2} (1 = true shape): people look like cardboard figures; {limit} is where the paper's observers saw no more \
          difference (fitted). A longer base or lens helps.",
         metres(z)
     ))
@@ -173,13 +197,12 @@ fn orthostereo(setup: &Setup) -> Option<String> {
     );
     let verdict = Rule::Orthostereo(rule).verdict(report.deviation, &setup.viewing());
     (verdict.band == Band::Excessive).then(|| {
-        let depth = if report.perspective_ratio > 1.0 { "stretched" } else { "flattened" };
         format!(
-            "Not life-size: the perspective would be right from {} (V = M f), and the viewer sits at {}; depth is {depth} {:.2} times. \
-             Base over eyes is {:.2}.",
-            metres(report.right_viewing_distance_m),
+            "Not life-size: the viewer sits at {}, {:.2} times the distance from which the perspective is right (M f = {}), and the base is \
+             {:.2} times the eyes' separation; both would have to be 1. How deep things look for their width: see roundness.",
             metres(setup.viewer.distance_m),
-            if report.perspective_ratio > 1.0 { report.perspective_ratio } else { 1.0 / report.perspective_ratio },
+            report.perspective_ratio,
+            metres(report.right_viewing_distance_m),
             report.base_ratio
         )
     })
@@ -198,10 +221,14 @@ fn pixels(setup: &Setup) -> Option<String> {
 
 fn unconfirmed(rule: &Rule) -> Option<String> {
     let info = rule.info();
-    (!info.confirmed).then(|| {
-        format!(
-            "The constants of the rule {} could not be confirmed in their source: {}.",
-            info.name, info.source
-        )
-    })
+    let what = match info.basis {
+        Basis::Read => return None,
+        Basis::Unconfirmed => "could not be confirmed in their source",
+        Basis::Fitted => "are fitted to one study, not measured",
+        Basis::Design => "are design values of this project",
+    };
+    Some(format!(
+        "The constants of the rule {} {what}: {}.",
+        info.name, info.source
+    ))
 }

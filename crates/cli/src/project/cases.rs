@@ -10,6 +10,7 @@ use vergence_geometry::cases::{Answer, ArrayCase, Case, CaseReport};
 use super::FILE_LIMIT_BYTES;
 use crate::fault;
 use crate::output;
+use crate::settings::nearest;
 
 /// Read the file, answer every case in order, print the answers as JSON.
 pub(super) fn run(path: &Path) -> anyhow::Result<()> {
@@ -31,6 +32,27 @@ pub(super) fn run(path: &Path) -> anyhow::Result<()> {
     output::print_json(&report)
 }
 
+/// Fields that a case may have; what is not needed to compute it is passed over, anything else may be mistyped.
+const FIELDS: &[&str] = &[
+    "id", "mode", "t", "f", "M", "e", "V", "L", "target", "pupil", "n", "x0", "y0", "z0", "expect",
+    "near", "note", "result", "picture",
+];
+
+fn check_fields(case: &Value) -> Result<(), String> {
+    let unknown = case
+        .as_object()
+        .and_then(|fields| fields.keys().find(|k| !FIELDS.contains(&k.as_str())));
+    match unknown {
+        None => Ok(()),
+        Some(name) => {
+            let near = nearest(name, FIELDS.iter().copied()).unwrap_or_default();
+            Err(format!(
+                "unknown field \"{name}\"; the nearest is \"{near}\""
+            ))
+        }
+    }
+}
+
 /// The answers of one list; the error names the case.
 fn answers<C: DeserializeOwned, R>(
     list: Option<&Value>,
@@ -50,6 +72,7 @@ fn answers<C: DeserializeOwned, R>(
                 Some(_) => return Err(format!("the id of {what} number {} is no text", i + 1)),
                 None => return Err(format!("{what} number {} has no id", i + 1)),
             };
+            check_fields(value).map_err(|e| format!("{what} {id}: {e}"))?;
             let case = C::deserialize(value).map_err(|e| format!("{what} {id}: {e}"))?;
             let result = evaluate(&case).map_err(|e| format!("{what} {id}: {e}"))?;
             Ok(Answer { id, result })

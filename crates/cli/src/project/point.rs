@@ -66,7 +66,7 @@ fn picture_json(setup: &Setup, result: &CaseResult) -> Value {
         "right_inside": result.right.is_some_and(|xy| inside(setup, xy)),
         "p_width_fraction": result.p.map(|p| p / width),
         "p_px": result.p.map(|p| p / per_pixel),
-        "q_px": result.q.map(|q| q / per_pixel),
+        "q_px": result.q.map(|q| vertical_px(setup, q)),
     })
 }
 
@@ -77,6 +77,11 @@ fn pixel(setup: &Setup, xy: [f64; 2]) -> [f64; 2] {
         (sensor.width_px as f64 - 1.0) / 2.0 + xy[0] / sensor.pitch_m(),
         (sensor.height_px as f64 - 1.0) / 2.0 - xy[1] / sensor.pitch_y_m(),
     ]
+}
+
+/// Rows between two points with vertical parallax `q`, + when the right one is higher: v_left - v_right.
+fn vertical_px(setup: &Setup, q: f64) -> f64 {
+    q / (setup.screen.magnification * setup.sensor.pitch_y_m())
 }
 
 fn inside(setup: &Setup, xy: [f64; 2]) -> bool {
@@ -197,7 +202,7 @@ fn on_screen(
     );
     out += &row(
         "",
-        format!("{:.4} px, {arcmin:.3} arcmin", q / per_pixel),
+        format!("{:.4} px, {arcmin:.3} arcmin", vertical_px(setup, q)),
         &limit,
     );
     out += &row(

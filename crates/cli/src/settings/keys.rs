@@ -175,8 +175,8 @@ const RIG: &[Key] = &[
 #[rustfmt::skip]
 const CAMERA: &[Key] = &[
     quantity("camera", "focal_length", Length, "6.5 mm", Positive, "Focal length f of both lenses."),
-    quantity("camera", "sensor_width", Length, "4.8 mm", Positive, "Width of the sensor's active area (1/3-inch type: 4.8 mm)."),
-    quantity("camera", "sensor_height", Length, "3.6 mm", Positive, "Height of the sensor's active area (1/3-inch type: 3.6 mm)."),
+    quantity("camera", "sensor_width", Length, "4.8 mm", Within(1e-4, 0.2), "Width of the sensor's active area (1/3-inch type: 4.8 mm)."),
+    quantity("camera", "sensor_height", Length, "3.6 mm", Within(1e-4, 0.2), "Height of the sensor's active area (1/3-inch type: 3.6 mm)."),
     other("camera", "width", Count, "1024", Within(16.0, 16384.0), "Picture width, pixels."),
     other("camera", "height", Count, "768", Within(16.0, 16384.0), "Picture height, pixels."),
     quantity("camera", "fps", Rate, "30 Hz", Within(1e-3, 1e4), "Pictures a second of each camera."),
@@ -206,10 +206,10 @@ const CAMERA: &[Key] = &[
 
 #[rustfmt::skip]
 const SCREEN: &[Key] = &[
-    quantity("screen", "magnification", Number, "50", Positive, "Size on the screen over size on the sensor, M."),
+    quantity("screen", "magnification", Number, "50", Within(0.01, 1e6), "Size on the screen over size on the sensor, M."),
     other("screen", "width", QuantityOrAuto(Length), "auto", Positive, "Width of the picture on the screen. auto: magnification times sensor width. Set one of the two, not both."),
     quantity("screen", "viewing_distance", Length, "0.7 m", Positive, "Distance V of the viewer's eyes from the screen."),
-    quantity("screen", "interocular", Length, "65 mm", Positive, "Separation e of the viewer's eyes (children: 50 mm)."),
+    quantity("screen", "interocular", Length, "65 mm", Within(0.02, 0.1), "Separation e of the viewer's eyes (children: 50 mm)."),
 ];
 
 #[rustfmt::skip]

@@ -1,6 +1,6 @@
 //! Rules over horizontal screen parallax p (metres, < 0 in front of the screen).
 
-use super::{Bands, ParallaxLimits, RuleInfo, Viewing};
+use super::{Bands, Basis, Front, ParallaxLimits, RuleInfo, Viewing};
 
 /// Seen depth as a fraction of the viewing distance: `Z / V = -p / (e - p)`, + in front of the screen.
 ///
@@ -34,8 +34,9 @@ impl SeenDepth {
         quantity: "distance of the seen point from the screen over the viewing distance, + in front",
         unit: "fraction of V",
         beyond: "cannot be fused",
-        source: "fitted to the distances reported by Yang et al. 2016, Sensors 16(3), 421 (e = 65 mm)",
-        confirmed: true,
+        source: "fitted by this project to the distances reported by Yang et al. 2016, Sensors 16(3), 421 (e = 65 mm)",
+        basis: Basis::Fitted,
+        front: Front::Positive,
         limits: "fitted to one rig and unnamed observers; a screen that fills a small field of view",
     };
 
@@ -45,12 +46,10 @@ impl SeenDepth {
     }
 
     pub(crate) fn measure(&self, p_m: f64, viewing: &Viewing) -> f64 {
-        let e = viewing.viewer.interocular_m;
-        if p_m < e {
-            -p_m / (e - p_m)
-        } else {
-            f64::NEG_INFINITY
-        }
+        viewing
+            .viewer
+            .seen_fraction(p_m)
+            .unwrap_or(f64::NEG_INFINITY)
     }
 
     pub(crate) fn bands(&self) -> Bands {
@@ -94,9 +93,10 @@ impl WidthFraction {
             name: "1/30 of the width",
             quantity: Self::QUANTITY,
             unit: "fraction of W",
-            beyond: "cannot be fused",
+            beyond: "more depth than slides are made with",
             source: "1/30 rule, Bercovitz; Wattie",
-            confirmed: true,
+            basis: Basis::Read,
+            front: Front::Negative,
             limits: "stereo slides and prints: a viewer at about the picture's own perspective",
         },
         acceptable: [-1.0 / 30.0, 1.0 / 30.0],
@@ -113,7 +113,8 @@ impl WidthFraction {
             unit: "fraction of W",
             beyond: "outside what a broadcaster takes",
             source: "BSkyB 3-D technical guidelines (+2 %, -2.5 %, +4 % unconfirmed)",
-            confirmed: false,
+            basis: Basis::Unconfirmed,
+            front: Front::Negative,
             limits: "sets of 46 to 70 inches at living-room distance",
         },
         acceptable: [-0.025, 0.04],
@@ -129,7 +130,8 @@ impl WidthFraction {
             unit: "fraction of W",
             beyond: "outside what stereographers use",
             source: "discussed in Shibata et al. 2011, J. Vision 11(8):11 (unconfirmed)",
-            confirmed: false,
+            basis: Basis::Unconfirmed,
+            front: Front::Negative,
             limits: "cinema and television",
         },
         acceptable: [-0.03, 0.02],
@@ -188,7 +190,8 @@ impl AngularDisparity {
             unit: "arcmin",
             beyond: "visual discomfort",
             source: "Lambooij et al. 2009, visual discomfort and visual fatigue of stereoscopic displays",
-            confirmed: true,
+            basis: Basis::Read,
+            front: Front::Positive,
             limits: "still scenes; fast motion in depth, artefacts and blur are not covered",
         },
         acceptable_arcmin: 70.0,
@@ -204,7 +207,8 @@ impl AngularDisparity {
             unit: "arcmin",
             beyond: "double images until the eyes have turned",
             source: "Qin et al. 2006, disparity limit for binocular fusion in fovea",
-            confirmed: true,
+            basis: Basis::Read,
+            front: Front::Positive,
             limits: "brief views in the fovea, eyes resting on the screen; vergence widens it several times",
         },
         acceptable_arcmin: 40.0,
@@ -286,7 +290,8 @@ impl Shibata {
         unit: "D",
         beyond: "vergence and focus in conflict",
         source: "Shibata et al. 2011, J. Vision 11(8):11 (slopes and offsets unconfirmed)",
-        confirmed: false,
+        basis: Basis::Unconfirmed,
+        front: Front::Positive,
         limits: "young adults; vergence-focus conflict only, not fusion",
     };
 
@@ -339,7 +344,8 @@ impl FixedDioptres {
         unit: "D",
         beyond: "vergence and focus in conflict",
         source: "depth of focus of the eye, 0.2 to 0.3 D (unconfirmed)",
-        confirmed: false,
+        basis: Basis::Unconfirmed,
+        front: Front::Positive,
         limits: "vergence-focus conflict only, not fusion",
     };
 
@@ -392,7 +398,8 @@ impl Divergence {
         unit: "m",
         beyond: "the eyes would have to diverge",
         source: "geometry (p <= e); 50 mm for children unconfirmed",
-        confirmed: true,
+        basis: Basis::Unconfirmed,
+        front: Front::Negative,
         limits: "holds for every screen and viewer; most people manage a little divergence with effort",
     };
 

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{Bands, ParallaxLimits, RuleInfo, Viewing};
+use super::{Bands, Basis, Front, ParallaxLimits, RuleInfo, Viewing};
 
 /// Angular vertical parallax: `atan(|q| / V)`, arc minutes. Design values of this project: 5' good, 10' alarm, both far
 /// below Panum's vertical 19' to 26' (Qin et al. 2006).
@@ -31,7 +31,8 @@ impl VerticalParallax {
         unit: "arcmin",
         beyond: "eye strain",
         source: "design values 5' and 10', below Panum's vertical 19.2' to 25.6' (Qin et al. 2006)",
-        confirmed: false,
+        basis: Basis::Design,
+        front: Front::Neither,
         limits: "upright head; a tilted head makes vertical parallax of its own",
     };
 
@@ -77,7 +78,8 @@ impl Keystone {
         unit: "px",
         beyond: "keystone must be corrected",
         source: "Woods, Docherty & Koch 1993 for the cause; 1 px mastering (unconfirmed), 2 px design value",
-        confirmed: false,
+        basis: Basis::Design,
+        front: Front::Neither,
         limits: "pixels, so it depends on resolution and not on the screen",
     };
 
@@ -113,7 +115,8 @@ impl WindowViolation {
         unit: "m",
         beyond: "cut off by a window that seems to lie behind it",
         source: "stereo window, trade practice; ITU-R BT.2293",
-        confirmed: true,
+        basis: Basis::Read,
+        front: Front::Neither,
         limits: "left and right edges only; a thing that fills the frame or moves fast is forgiven",
     };
 
@@ -169,7 +172,8 @@ impl AdjacentDisparity {
         unit: "px",
         beyond: "ghosts between views",
         source: "Quiltwright documentation, for Looking Glass panels",
-        confirmed: true,
+        basis: Basis::Read,
+        front: Front::Negative,
         limits: "N-view screens (light-field panels) only; the pair is a neighbouring one, t its separation",
     };
 

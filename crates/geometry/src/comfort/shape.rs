@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{Bands, RuleInfo};
+use super::{Bands, Basis, Front, RuleInfo};
 use crate::viewing::Viewer;
 
 /// Roundness: magnification in depth over magnification in width, 1 = true shape, < 1 flat ("cardboard").
@@ -35,7 +35,8 @@ impl Roundness {
         unit: "",
         beyond: "people look like cardboard",
         source: "geometry for the measure; limits fitted to Yang et al. 2016",
-        confirmed: false,
+        basis: Basis::Fitted,
+        front: Front::Neither,
         limits: "at the plane of convergence, on the axis",
     };
 
@@ -82,7 +83,8 @@ impl PuppetTheatre {
         unit: "",
         beyond: "near people look like puppets, or like giants",
         source: "Yamanoue 2006, ITU-R BT.2293 Annex 2.2 for the measure; limits are design values",
-        confirmed: false,
+        basis: Basis::Design,
+        front: Front::Neither,
         limits: "on the axis; familiar objects",
     };
 
@@ -133,7 +135,8 @@ impl Default for Orthostereo {
 pub struct OrthostereoReport {
     /// t / e; > 1 makes a miniature, < 1 a giant.
     pub base_ratio: f64,
-    /// V / (M f); > 1: seen from too far, the picture's perspective stretches depth; < 1: flattens it.
+    /// V / (M f); > 1: seen from farther than the picture's perspective is right for, < 1: from nearer. Of what is seen
+    /// with two eyes it says nothing alone; depth over width at the screen is `(V / L)(t / e)`, see [`Roundness`].
     pub perspective_ratio: f64,
     /// Viewing distance that would be right, M f, metres.
     pub right_viewing_distance_m: f64,
@@ -148,8 +151,9 @@ impl Orthostereo {
         quantity: "larger of |ln(t/e)| and |ln(V / M f)|",
         unit: "",
         beyond: "shape and size of what is seen are not true",
-        source: "geometry; bands are design values",
-        confirmed: false,
+        source: "geometry for the measure; bands are design values",
+        basis: Basis::Design,
+        front: Front::Neither,
         limits: "needed for true size only; most stereo is not orthostereo",
     };
 

@@ -63,8 +63,14 @@ pub struct ModeAdvice {
     pub keystone_band: Band,
     /// Part of the picture's width lost to a shift.
     pub crop_fraction: f64,
-    /// Target, keystone and crop all within their limits. The background is not part of it: every mode with zero
-    /// parallax on the target has the same one.
+    /// Target, keystone and crop all within their limits. By this the mode is chosen; the background is not part of it,
+    /// since every mode with zero parallax on the target has the same one.
+    pub target_acceptable: bool,
+    /// Whether the background (the setup's `far_m`) is within the rule's limit, and not beyond the eyes' separation.
+    pub background_acceptable: bool,
+    /// The farthest background that would be, metres from the pivots; `None` when any is. See [`background_limit_m`].
+    pub background_within_m: Option<f64>,
+    /// Both: nothing in the picture breaks a limit.
     pub acceptable: bool,
 }
 
@@ -77,10 +83,11 @@ pub struct Advice {
     pub rule: &'static str,
     /// Whether zero parallax on the target is needed.
     pub need: Need,
-    /// The mode to use, of those that the rig has: parallel where that is comfortable, else the first liked mode that is
-    /// acceptable, else the one with zero parallax and the least keystone.
+    /// The mode to use, of those that the rig has: parallel where that is comfortable, else the first liked mode with zero
+    /// parallax on the target whose keystone and crop are within their limits, else the one that breaks its limit least.
+    /// As the target comes nearer the answer never turns back to parallel.
     pub recommended: ModeKind,
-    /// Whether the recommended mode meets all limits; when false every mode breaks one.
+    /// Whether the recommended mode meets all limits, the background's among them.
     pub acceptable: bool,
     /// Figures of `parallel`, `converged`, `shifted`, in this order, whether the rig has them or not.
     pub modes: Vec<ModeAdvice>,
@@ -128,17 +135,56 @@ fn mode_advice(setup: &Setup, policy: &Policy, mode: ModeKind, z: f64) -> Result
     } else {
         0.0
     };
+    let target_acceptable = target.band != Some(Band::Excessive)
+        && keystone_band != Band::Excessive
+        && crop_fraction <= policy.crop_limit;
+    let background = figures(setup.far_m)?;
+    let background_acceptable = background.band != Some(Band::Excessive);
     Ok(ModeAdvice {
         mode,
         target,
-        background: figures(setup.far_m)?,
+        background,
         keystone_px,
         keystone_band,
         crop_fraction,
-        acceptable: target.band != Some(Band::Excessive)
-            && keystone_band != Band::Excessive
-            && crop_fraction <= policy.crop_limit,
+        target_acceptable,
+        background_acceptable,
+        background_within_m: background_limit_m(setup, &policy.rule, mode, z)?,
+        acceptable: target_acceptable && background_acceptable,
     })
+}
+
+/// The farthest background within the rule's limit (and the eyes' separation) on the axis, for zero parallax at `l_m`;
+/// metres from the pivots, `None` when a background at infinity is within it, or the rule has no such limit.
+///
+/// With p the limit: shifted `1/(F - pupil) = 1/(L - pupil) - p / (M f t)`; converged, from the triangle of axis and ray,
+/// `F = pupil cos(beta) + (t/2 - pupil sin(beta)) / tan(beta - atan(p / 2 M f))`, `tan(beta) = t / 2L`.
+pub fn background_limit_m(
+    setup: &Setup,
+    rule: &Rule,
+    mode: ModeKind,
+    l_m: f64,
+) -> Result<Option<f64>> {
+    setup.views_at(mode, l_m)?;
+    let Some(limits) = rule.parallax_limits(&setup.viewing()) else {
+        return Ok(None);
+    };
+    let p = limits.behind_acceptable_m;
+    let pupil = setup.array.pupil_m;
+    let half = 0.5 * setup.array.interaxial_m;
+    let limit = match mode {
+        ModeKind::Parallel => None,
+        ModeKind::Shifted => {
+            let rest = 1.0 / (l_m - pupil) - p / setup.strength_m2();
+            (rest > 0.0).then(|| pupil + 1.0 / rest)
+        }
+        ModeKind::Converged | ModeKind::Verged => {
+            let beta = (half / l_m).atan();
+            let ray = beta - (p / (2.0 * setup.screen.magnification * setup.array.focal_m)).atan();
+            (ray > 0.0).then(|| pupil * beta.cos() + (half - pupil * beta.sin()) / ray.tan())
+        }
+    };
+    Ok(limit)
 }
 
 fn choose<'a>(policy: &Policy, need: Need, modes: &'a [ModeAdvice]) -> &'a ModeAdvice {
@@ -146,17 +192,19 @@ fn choose<'a>(policy: &Policy, need: Need, modes: &'a [ModeAdvice]) -> &'a ModeA
     if need <= Need::Optional {
         return parallel;
     }
-    let find = |kind: ModeKind| modes.iter().find(|m| m.mode == kind);
     let liked = || {
         policy
             .modes
             .iter()
-            .filter_map(|&kind| find(kind))
+            .filter_map(|&kind| modes.iter().find(|m| m.mode == kind))
             .filter(|m| m.mode != ModeKind::Parallel)
     };
+    // How far a mode is beyond its own price: keystone for toe-in, width for a shift.
+    let excess = |m: &ModeAdvice| {
+        (m.keystone_px / policy.keystone.acceptable_px).max(m.crop_fraction / policy.crop_limit)
+    };
     liked()
-        .find(|m| m.acceptable)
-        .or_else(|| parallel.acceptable.then_some(parallel))
-        .or_else(|| liked().min_by(|a, b| a.keystone_px.total_cmp(&b.keystone_px)))
+        .find(|m| m.target_acceptable)
+        .or_else(|| liked().min_by(|a, b| excess(a).total_cmp(&excess(b))))
         .unwrap_or(parallel)
 }

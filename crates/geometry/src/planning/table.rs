@@ -25,7 +25,8 @@ pub struct Figures {
     pub seen_depth_m: Option<f64>,
     /// The same over V.
     pub seen_depth_fraction: Option<f64>,
-    /// Band of the rule that the row was asked for; `None` when that rule measures something else.
+    /// Band of the rule that the row was asked for, excessive for p > e whatever the rule; `None` when that rule measures
+    /// something else.
     pub band: Option<Band>,
 }
 
@@ -33,15 +34,14 @@ impl Figures {
     /// Of a parallax on the axis.
     pub fn from_parallax(p_m: f64, setup: &Setup, rule: &Rule) -> Self {
         let viewing = setup.viewing();
-        let (e, v) = (setup.viewer.interocular_m, setup.viewer.distance_m);
-        let fraction = (p_m < e).then(|| -p_m / (e - p_m) + 0.0);
+        let fraction = setup.viewer.seen_fraction(p_m);
         let width_fraction = p_m / viewing.screen_width_m;
         Self {
             p_m,
             width_fraction,
             p_px: width_fraction * viewing.width_px as f64,
             disparity_arcmin: AngularDisparity::ONE_DEGREE.measure(p_m, &viewing) + 0.0,
-            seen_depth_m: fraction.map(|f| f * v),
+            seen_depth_m: fraction.map(|f| f * setup.viewer.distance_m),
             seen_depth_fraction: fraction,
             band: rule
                 .verdict_for_parallax(p_m, &viewing)
@@ -55,7 +55,8 @@ impl Figures {
 pub struct ModeRow {
     /// The mode.
     pub mode: ModeKind,
-    /// The target's parallax.
+    /// The target's parallax. Its band is `None` where the mode puts it on the screen: a rule's level without depth
+    /// concerns a target's offset from the screen, not the depth seen around one that is on it.
     pub target: Figures,
     /// The background's (the setup's `far_m`).
     pub background: Figures,
@@ -102,13 +103,17 @@ fn mode_row(setup: &Setup, rule: &Rule, mode: ModeKind, z: f64) -> Result<ModeRo
         .unwrap_or(f64::NAN);
     let [half_x, _] = setup.sensor.half_field(setup.array.focal_m);
     let edge = setup
-        .parallax_of(&views, [half_x * z, 0.0, z])
+        .parallax_of(&views, setup.point_in_picture(&views, [half_x, 0.0], z))
         .map_or(f64::NAN, |x| x.p_m);
     let to_px = setup.sensor.width_px as f64 / setup.screen_width_m();
     let corner = corner_vertical_m(setup, mode, z)?;
+    let mut target = Figures::from_parallax(on_axis, setup, rule);
+    if mode != ModeKind::Parallel {
+        target.band = None;
+    }
     Ok(ModeRow {
         mode,
-        target: Figures::from_parallax(on_axis, setup, rule),
+        target,
         background: Figures::from_parallax(background, setup, rule),
         roundness: roundness(setup, mode, z, on_axis),
         corner_vertical_m: corner,
@@ -137,4 +142,10 @@ fn roundness(setup: &Setup, mode: ModeKind, z: f64, p: f64) -> Option<f64> {
         ModeKind::Converged | ModeKind::Verged => z,
     };
     Some(setup.viewer.distance_m * setup.array.interaxial_m / (ahead * rest))
+}
+
+/// The same at a distance alone; for root finding.
+pub(super) fn roundness_at(setup: &Setup, mode: ModeKind, z: f64) -> Option<f64> {
+    let p = setup.axial_parallax_m(mode, z, z).ok().flatten()?;
+    roundness(setup, mode, z, p)
 }

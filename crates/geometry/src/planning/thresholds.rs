@@ -7,10 +7,9 @@ use serde::Serialize;
 
 use super::Setup;
 use super::root::brent;
+use super::table::roundness_at;
 use crate::array::{ModeKind, Sensor};
-use crate::comfort::{
-    AngularDisparity, Keystone, Rule, SeenDepth, VerticalParallax, WidthFraction,
-};
+use crate::comfort::{AngularDisparity, Keystone, Roundness, Rule, SeenDepth, VerticalParallax};
 use crate::error::Result;
 
 /// Distances in metres; `None` where the rule has nothing to say or its limit is never met.
@@ -36,6 +35,14 @@ pub struct Thresholds {
     pub toe_in_acceptable_from_m: Option<f64>,
     /// The same for comfort.
     pub toe_in_comfortable_from_m: Option<f64>,
+    /// Until here a parallel target is rounder than the rule's comfortable limit.
+    pub parallel_round_until_m: Option<f64>,
+    /// From here on a parallel target is flatter than the rule's acceptable limit ("cardboard").
+    pub parallel_cardboard_from_m: Option<f64>,
+    /// Until here a target at zero parallax (toe-in) is rounder than the rule's comfortable limit.
+    pub converged_round_until_m: Option<f64>,
+    /// From here on a target at zero parallax (toe-in) is flatter than the rule's acceptable limit.
+    pub converged_cardboard_from_m: Option<f64>,
 }
 
 impl Thresholds {
@@ -50,6 +57,10 @@ impl Thresholds {
             indistinguishable_from_m: None,
             toe_in_acceptable_from_m: None,
             toe_in_comfortable_from_m: None,
+            parallel_round_until_m: None,
+            parallel_cardboard_from_m: None,
+            converged_round_until_m: None,
+            converged_cardboard_from_m: None,
         }
     }
 }
@@ -61,8 +72,9 @@ enum Way {
     Root,
 }
 
-/// All thresholds of a rule, in closed form where there is one: on-axis parallax, roundness, and neither for the corner
-/// (a root of the exact projection; [`keystone_from_m`] gives its first-order form).
+/// All thresholds of a rule, in closed form where there is one: on-axis parallax and roundness, but not the corner
+/// (a root of the exact projection; [`keystone_from_m`] gives its first-order form) nor a background at a finite distance
+/// before lenses off their pivots.
 pub fn thresholds(setup: &Setup, rule: &Rule) -> Result<Thresholds> {
     by(setup, rule, Way::Closed)
 }
@@ -105,11 +117,15 @@ fn by(setup: &Setup, rule: &Rule, way: Way) -> Result<Thresholds> {
             out.toe_in_acceptable_from_m = corner_distance_m(setup, q(rule.acceptable_arcmin))?;
             out.toe_in_comfortable_from_m = corner_distance_m(setup, q(rule.comfortable_arcmin))?;
         }
-        Rule::Roundness(rule) => {
-            let (t, e) = (setup.array.interaxial_m, setup.viewer.interocular_m);
-            let at = |r: f64| setup.viewer.distance_m * t / (e * r);
-            out.converged_stops_mattering_m = Some(at(rule.comfortable));
-            out.indistinguishable_from_m = Some(at(rule.acceptable));
+        Rule::Roundness(Roundness {
+            comfortable,
+            acceptable,
+        }) => {
+            let at = |mode, r| round_distance_m(setup, mode, r, way);
+            out.parallel_round_until_m = at(ModeKind::Parallel, *comfortable)?;
+            out.parallel_cardboard_from_m = at(ModeKind::Parallel, *acceptable)?;
+            out.converged_round_until_m = at(ModeKind::Converged, *comfortable)?;
+            out.converged_cardboard_from_m = at(ModeKind::Converged, *acceptable)?;
         }
         _ => {}
     }
@@ -194,37 +210,82 @@ fn background_distance_m(setup: &Setup, p: f64, way: Way) -> Result<Option<f64>>
     Ok((distance > pupil).then_some(distance))
 }
 
-/// Vertical parallax on the screen, metres, in the worst corner of the picture for toe-in on the plane `z = L`: the
-/// point whose direction from the middle of the rig is the corner's.
+/// Distance at which a target on the axis is as round as `r`; nearer it is rounder. Parallel: `r = V t / (z' e + M f t)`
+/// with z' from the lens, so `z = pupil + t (V / r - M f) / e`; toe-in on the target: `r = V t / (e L)`. `None` when
+/// it is flatter everywhere in front of the lens.
+fn round_distance_m(setup: &Setup, mode: ModeKind, r: f64, way: Way) -> Result<Option<f64>> {
+    let (t, e, v) = (
+        setup.array.interaxial_m,
+        setup.viewer.interocular_m,
+        setup.viewer.distance_m,
+    );
+    let pupil = setup.array.pupil_m;
+    let distance = match (way, mode) {
+        (Way::Closed, ModeKind::Parallel) => {
+            pupil + t * (v / r - setup.screen.magnification * setup.array.focal_m) / e
+        }
+        (Way::Closed, _) => v * t / (e * r),
+        (Way::Root, _) => {
+            let excess =
+                |s: f64| roundness_at(setup, mode, pupil + s.exp()).unwrap_or(f64::NAN) - r;
+            let [low, high] = SEARCH_M.map(f64::ln);
+            if excess(low) <= 0.0 {
+                return Ok(None);
+            }
+            pupil + brent("roundness minus its limit", low, high, excess)?.exp()
+        }
+    };
+    Ok((distance > pupil).then_some(distance))
+}
+
+/// Vertical parallax on the screen, metres, in the worst corner of the picture for toe-in on the plane `z = L`: that of
+/// the plane's point in the corner of a picture taken from half way between the two lenses.
 pub fn corner_vertical_m(setup: &Setup, mode: ModeKind, distance_m: f64) -> Result<f64> {
     let pair = setup.pair();
     let views = pair.views_at(mode, distance_m)?;
-    let [x, y] = pair.sensor.half_field(pair.array.focal_m);
-    let point = [x * distance_m, y * distance_m, distance_m];
+    let corner = pair.sensor.half_field(pair.array.focal_m);
+    let point = pair.point_in_picture(&views, corner, distance_m);
     Ok(pair
         .parallax_of(&views, point)
         .map_or(f64::NAN, |p| p.q_m.abs()))
 }
 
 /// Distance from which toe-in on the target keeps the corner's vertical parallax below `q` metres on the screen: a
-/// root of the exact projection, bracketed around the first-order form.
+/// root of the exact projection. `None` when it is below everywhere in front of the lens.
+///
+/// What the corner shows depends on the angle of the axes alone, `tan beta = t / 2L`, whatever the pupil: lenses further
+/// forward see the same picture of a nearer plane. So the root is that of lenses on their pivots.
 fn corner_distance_m(setup: &Setup, q: f64) -> Result<Option<f64>> {
-    let first = corner_first_order_m(setup, q);
-    let excess =
-        |l: f64| corner_vertical_m(setup, ModeKind::Converged, l).map_or(f64::NAN, |v| v - q);
-    let (mut low, mut high) = (first / 2.0, first * 2.0);
+    let mut bare = *setup;
+    bare.array.pupil_m = 0.0;
+    let first = corner_first_order_m(&bare, q);
+    // Where the corner is behind a camera it is beyond every limit.
+    let excess = |l: f64| {
+        let corner = corner_vertical_m(&bare, ModeKind::Converged, l).unwrap_or(f64::NAN);
+        if corner.is_nan() {
+            f64::INFINITY
+        } else {
+            corner - q
+        }
+    };
+    let mut high = 2.0 * first;
     // The exact curve leaves the first-order one only within a few bases of the rig.
-    for _ in 0..8 {
+    for _ in 0..16 {
         if excess(high) <= 0.0 {
             break;
         }
-        (low, high) = (high, high * 2.0);
+        high *= 2.0;
     }
-    if excess(low) <= 0.0 {
-        // The corner stays below the limit even there: nothing to find above a base or so.
-        return Ok(None);
+    // Downwards in small steps: nearer than a base or so the curve falls again, and the outermost root is the one.
+    let mut low = high;
+    for _ in 0..200 {
+        (high, low) = (low, low / 1.05);
+        if excess(low) > 0.0 {
+            let root = brent("corner parallax minus its limit", low, high, excess)?;
+            return Ok((root > setup.array.pupil_m).then_some(root));
+        }
     }
-    brent("corner parallax minus its limit", low, high, excess).map(Some)
+    Ok(None)
 }
 
 fn corner_first_order_m(setup: &Setup, q: f64) -> f64 {
@@ -259,111 +320,107 @@ pub struct Candidate {
     pub distance_m: f64,
 }
 
+/// What a candidate measures, and its limit.
+#[derive(Clone, Copy)]
+enum Quantity {
+    /// Seen depth of a parallel target, fraction of V.
+    Target(f64),
+    /// Seen depth behind the screen of the background, fraction of V.
+    Background(f64),
+    /// Parallax of a parallel target, fraction of the width.
+    Width(f64),
+    /// Disparity of a parallel target, arc minutes.
+    Arcmin(f64),
+    /// Keystone in the corner, pixels.
+    KeystonePx(f64),
+    /// Roundness of a converged target.
+    Round(f64),
+}
+
+/// The four reported distances and what the paper says of each.
+const REPORTED: [(f64, &str); 4] = [
+    (3.0, "nearer, parallel pictures cannot be fused"),
+    (4.0, "from here parallel pictures show no ghosting"),
+    (
+        5.0,
+        "until here converged pictures give a good stereo sense",
+    ),
+    (7.0, "threshold: beyond it converged and parallel are alike"),
+];
+
+/// Rules that come near a reported distance: the distance, the rule in words, the sensor, the limit.
+#[rustfmt::skip]
+const CANDIDATES: &[(f64, &str, Sensor, Quantity)] = &[
+    (3.0, "seen depth 10 % of V, parallel target", THIRD, Quantity::Target(0.10)),
+    (3.0, "1/30 of the width, 1/3 inch, parallel target", THIRD, Quantity::Width(1.0 / 30.0)),
+    (3.0, "3 % of the width, 1/3 inch, parallel target", THIRD, Quantity::Width(0.03)),
+    (3.0, "2.5 % of the width, 1/2 inch, parallel target", Sensor::HALF_INCH, Quantity::Width(0.025)),
+    (4.0, "seen depth 8 % of V, parallel target", THIRD, Quantity::Target(0.08)),
+    (4.0, "2.5 % of the width, 1/3 inch, parallel target", THIRD, Quantity::Width(0.025)),
+    (4.0, "30 arc minutes at V = 0.7 m, parallel target", THIRD, Quantity::Arcmin(30.0)),
+    (5.0, "background seen 7.5 % of V behind the screen", THIRD, Quantity::Background(0.075)),
+    (5.0, "roundness 0.15, converged target", THIRD, Quantity::Round(0.15)),
+    (5.0, "2 % of the width, 1/3 inch, parallel target", THIRD, Quantity::Width(0.02)),
+    (5.0, "keystone 2 px, 1/3 inch", THIRD, Quantity::KeystonePx(2.0)),
+    (5.0, "1.5 % of the width, 1/2 inch, parallel target", Sensor::HALF_INCH, Quantity::Width(0.015)),
+    (7.0, "1 % of the width, 1/2 inch, parallel target", Sensor::HALF_INCH, Quantity::Width(0.01)),
+    (7.0, "seen depth 5 % of V, parallel target", THIRD, Quantity::Target(0.05)),
+    (7.0, "background seen 5 % of V behind the screen", THIRD, Quantity::Background(0.05)),
+    (7.0, "keystone 1.5 px, 1/3 inch", THIRD, Quantity::KeystonePx(1.5)),
+    (7.0, "roundness 0.10, converged target", THIRD, Quantity::Round(0.10)),
+];
+
+const THIRD: Sensor = Sensor::THIRD_INCH;
+
 /// The paper's 3, 4, 5 and 7 m beside the distances that rules give for **its** rig (t = 70 mm, f = 6.5 mm, M = 50, 1024
-/// pixels, e = 65 mm, V = 0.7 m). The paper names no rule, sensor, viewer or screen.
+/// pixels, e = 65 mm, V = 0.7 m), the nearest to the reported one first. The paper names no rule, sensor, viewer or
+/// screen.
 pub fn paper_distances() -> Result<Vec<PaperDistance>> {
-    let third = Setup::default();
-    let half = Setup {
-        sensor: Sensor::HALF_INCH,
-        ..third
-    };
-    let parallel = |setup: &Setup, p: f64| {
-        parallel_distance_m(setup, p, Way::Closed).map(|z| z.unwrap_or(f64::NAN))
-    };
-    let seen = |setup: &Setup, fraction: f64| {
-        parallel(setup, SeenDepth::parallax_m(fraction, &setup.viewing()))
-    };
-    let seen_behind = |fraction: f64| {
-        let p = SeenDepth::parallax_m(-fraction, &third.viewing());
-        background_distance_m(&third, p, Way::Closed).map(|z| z.unwrap_or(f64::NAN))
-    };
-    let percent =
-        |setup: &Setup, percent: f64| parallel(setup, -percent / 100.0 * setup.screen_width_m());
-    let arcmin = |eta: f64| parallel(&third, AngularDisparity::parallax_m(eta, &third.viewing()));
-    let roundness = |r: f64| {
-        third.viewer.distance_m * third.array.interaxial_m / (third.viewer.interocular_m * r)
-    };
-    let keystone = |px: f64| {
-        let q = px * third.sensor.pitch_y_m() * third.screen.magnification;
-        corner_distance_m(&third, q).map(|z| z.unwrap_or(f64::NAN))
-    };
-    let c = |rule, distance_m| Candidate { rule, distance_m };
-    Ok(vec![
-        PaperDistance {
-            reported_m: 3.0,
-            statement: "nearer, parallel pictures cannot be fused",
-            candidates: vec![
-                c("seen depth 10 % of V, parallel target", seen(&third, 0.10)?),
-                c(
-                    "1/30 of the width, 1/3 inch, parallel target",
-                    parallel(
-                        &third,
-                        WidthFraction::ONE_THIRTIETH.acceptable[0] * third.screen_width_m(),
-                    )?,
-                ),
-                c(
-                    "3 % of the width, 1/3 inch, parallel target",
-                    percent(&third, 3.0)?,
-                ),
-                c(
-                    "2.5 % of the width, 1/2 inch, parallel target",
-                    percent(&half, 2.5)?,
-                ),
-            ],
-        },
-        PaperDistance {
-            reported_m: 4.0,
-            statement: "from here parallel pictures show no ghosting",
-            candidates: vec![
-                c("seen depth 8 % of V, parallel target", seen(&third, 0.08)?),
-                c(
-                    "2.5 % of the width, 1/3 inch, parallel target",
-                    percent(&third, 2.5)?,
-                ),
-                c(
-                    "30 arc minutes at V = 0.7 m, parallel target",
-                    arcmin(30.0)?,
-                ),
-            ],
-        },
-        PaperDistance {
-            reported_m: 5.0,
-            statement: "until here converged pictures give a good stereo sense",
-            candidates: vec![
-                c(
-                    "background seen 7.5 % of V behind the screen",
-                    seen_behind(0.075)?,
-                ),
-                c("roundness 0.15", roundness(0.15)),
-                c(
-                    "2 % of the width, 1/3 inch, parallel target",
-                    percent(&third, 2.0)?,
-                ),
-                c("keystone 2 px, 1/3 inch", keystone(2.0)?),
-                c(
-                    "1.5 % of the width, 1/2 inch, parallel target",
-                    percent(&half, 1.5)?,
-                ),
-            ],
-        },
-        PaperDistance {
-            reported_m: 7.0,
-            statement: "threshold: beyond it converged and parallel are alike",
-            candidates: vec![
-                c(
-                    "1 % of the width, 1/2 inch, parallel target",
-                    percent(&half, 1.0)?,
-                ),
-                c("seen depth 5 % of V, parallel target", seen(&third, 0.05)?),
-                c(
-                    "background seen 5 % of V behind the screen",
-                    seen_behind(0.05)?,
-                ),
-                c("keystone 1.5 px, 1/3 inch", keystone(1.5)?),
-                c("roundness 0.10", roundness(0.10)),
-            ],
-        },
-    ])
+    REPORTED
+        .into_iter()
+        .map(|(reported_m, statement)| {
+            let mut candidates = CANDIDATES
+                .iter()
+                .filter(|c| c.0 == reported_m)
+                .map(|(_, rule, sensor, quantity)| {
+                    let setup = Setup {
+                        sensor: *sensor,
+                        ..Setup::default()
+                    };
+                    Ok(Candidate {
+                        rule,
+                        distance_m: candidate_m(&setup, *quantity)?.unwrap_or(f64::NAN),
+                    })
+                })
+                .collect::<Result<Vec<_>>>()?;
+            // In whole nanometres, so that two equally near ones keep the order of the table.
+            let off = |c: &Candidate| ((c.distance_m - reported_m).abs() * 1e9).round();
+            candidates.sort_by(|a, b| off(a).total_cmp(&off(b)));
+            Ok(PaperDistance {
+                reported_m,
+                statement,
+                candidates,
+            })
+        })
+        .collect()
+}
+
+fn candidate_m(setup: &Setup, quantity: Quantity) -> Result<Option<f64>> {
+    let viewing = setup.viewing();
+    let parallel = |p| parallel_distance_m(setup, p, Way::Closed);
+    match quantity {
+        Quantity::Target(q) => parallel(SeenDepth::parallax_m(q, &viewing)),
+        Quantity::Background(q) => {
+            background_distance_m(setup, SeenDepth::parallax_m(-q, &viewing), Way::Closed)
+        }
+        Quantity::Width(share) => parallel(-share * setup.screen_width_m()),
+        Quantity::Arcmin(eta) => parallel(AngularDisparity::parallax_m(eta, &viewing)),
+        Quantity::KeystonePx(px) => corner_distance_m(
+            setup,
+            px * setup.sensor.pitch_y_m() * setup.screen.magnification,
+        ),
+        Quantity::Round(r) => round_distance_m(setup, ModeKind::Converged, r, Way::Closed),
+    }
 }
 
 /// Keystone in pixels of the picture's corner for toe-in on `distance_m`, exact.

@@ -7,6 +7,7 @@ use super::{metres, panel_distances, parallax, rig_line};
 use crate::figure::Figure;
 use crate::figure::axis::Axis;
 use crate::figure::map::{Atlas, Map};
+use crate::rig::refused;
 
 /// Values that get a contour line, pixels, both signs; the first get their label first.
 const LEVELS: [f64; 7] = [20.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.2];
@@ -24,11 +25,12 @@ pub(super) fn draw(question: &Question) -> anyhow::Result<Figure> {
     let mut functions: Vec<(String, Parallax)> = Vec::new();
     let mut extreme: f64 = 0.0;
     for l in panel_distances(question) {
+        let views = setup.views_at(ModeKind::Converged, l).map_err(refused)?;
         let p = parallax(&setup, ModeKind::Converged, l)?;
         let q_px = move |u: f64, v: f64| {
             let x = (u - (w - 1.0) / 2.0) * sensor.pitch_m() / focal;
             let y = ((h - 1.0) / 2.0 - v) * sensor.pitch_y_m() / focal;
-            p([x * l, y * l, l])[1] * to_px
+            p(setup.point_in_picture(&views, [x, y], l))[1] * to_px
         };
         let corner = q_px(-0.5, -0.5).abs();
         extreme = extreme.max(corner);
@@ -42,11 +44,12 @@ pub(super) fn draw(question: &Question) -> anyhow::Result<Figure> {
     let atlas = Atlas {
         title: "Vertical parallax of converged cameras over the picture".to_owned(),
         subtitle: format!(
-            "Vertical parallax *q* (right minus left picture, + up) of a flat wall at the convergence distance *L*, in pixels of the picture. \
+            "Vertical parallax *q* (right minus left picture, + up) of a flat wall at the convergence distance *L*, in pixels of the picture; columns and rows are those \
+             of a camera half way between the two. \
              Good up to 1 px, limit 2 px (design values). Parallel and shifted cameras have none. {}",
             rig_line(&setup)
         ),
-        x: Axis::linear("column *u* / px", -0.5, w - 0.5),
+        x: Axis::linear("column *u* of the middle / px", -0.5, w - 0.5),
         y: Axis::linear("row *v* / px", -0.5, h - 0.5),
         y_down: true,
         value: Axis::linear("*q* / px", -extreme, extreme),
