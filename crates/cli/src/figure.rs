@@ -7,6 +7,7 @@
 pub(crate) mod axis;
 pub(crate) mod canvas;
 pub(crate) mod colour;
+mod colour_bar;
 pub(crate) mod lines;
 pub(crate) mod map;
 pub(crate) mod surface;

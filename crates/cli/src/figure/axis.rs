@@ -73,6 +73,14 @@ impl Axis {
         }
     }
 
+    /// The value at a share of the axis; inverse of [`Self::share`].
+    pub(crate) fn at_share(&self, share: f64) -> f64 {
+        match self.spread {
+            Spread::Linear => self.min + share * (self.max - self.min),
+            Spread::Log => self.min * (self.max / self.min).powf(share),
+        }
+    }
+
     /// Values and texts of about `count` ticks.
     pub(crate) fn ticks(&self, count: usize) -> Vec<(f64, String)> {
         match self.spread {

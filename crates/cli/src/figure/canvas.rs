@@ -199,14 +199,15 @@ impl Canvas {
         ));
     }
 
-    /// Rectangles of one size as one shape, from their upper left corners.
-    pub(crate) fn tiles(&mut self, corners: &[Place], size: Place, paint: &Paint) {
-        if corners.is_empty() {
+    /// Rectangles of one height as one shape, from their upper left corners and widths.
+    pub(crate) fn tiles(&mut self, tiles: &[(Place, f64)], height: f64, paint: &Paint) {
+        if tiles.is_empty() {
             return;
         }
-        let (w, h) = (number(size.0), number(size.1));
-        let mut d = String::with_capacity(corners.len() * 24);
-        for (x, y) in corners {
+        let h = number(height);
+        let mut d = String::with_capacity(tiles.len() * 24);
+        for ((x, y), width) in tiles {
+            let w = number(*width);
             // A string takes every write.
             let _ = write!(d, "M{} {}h{w}v{h}h-{w}z", number(*x), number(*y));
         }

@@ -415,10 +415,10 @@ fn rows_of_marks(stack: &Stack, left: f64, right: f64) -> Vec<usize> {
         .collect()
 }
 
-/// A text broken into lines of at most this width.
+/// A text broken into lines of at most this width, at spaces but not at no-break ones.
 pub(crate) fn wrapped(text: &str, width: f64, size: f64) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
-    for word in text.split_whitespace() {
+    for word in text.split(' ').filter(|word| !word.is_empty()) {
         match lines.last_mut() {
             Some(line) if text::width(&format!("{line} {word}"), size, false) <= width => {
                 line.push(' ');

@@ -1,10 +1,14 @@
 //! Maps: a value over an area, in colour, with labelled contour lines.
 
+use std::collections::{BTreeMap, VecDeque};
+
 use super::Figure;
 use super::axis::{self, Axis};
 use super::canvas::{Canvas, Paint, Place, Type};
 use super::colour::{self, GREY, INK};
+use super::colour_bar;
 use super::lines::wrapped;
+use super::text;
 
 const TITLE: f64 = 15.0;
 const LABEL: f64 = 12.0;
@@ -46,11 +50,12 @@ const GAP_X: f64 = 66.0;
 const GAP_Y: f64 = 66.0;
 const LEFT: f64 = 66.0;
 /// Odd, so that the middle of a map lies in the middle of a cell, where crossing lines are drawn as a cross.
-const CELLS: usize = 65;
+const CELLS: usize = 195;
 /// Shades to each side of 0.
 const SHADES: usize = 80;
 /// Labels of contour lines keep this distance from each other.
 const LABEL_DISTANCE: f64 = 22.0;
+const LABEL_SIZE: f64 = 9.5;
 
 impl Atlas<'_> {
     /// Draw it.
@@ -80,7 +85,7 @@ impl Atlas<'_> {
         }
         let bar_top = head + 10.0;
         let bar = rows as f64 * (tall + GAP_Y) - GAP_Y - 20.0;
-        self.draw_bar(&mut canvas, (width - 104.0, bar_top), bar);
+        colour_bar::draw(&mut canvas, &self.value, (width - 104.0, bar_top), bar);
         canvas.finish(&self.title, &self.subtitle)
     }
 
@@ -95,73 +100,60 @@ impl Atlas<'_> {
         let grid = Grid::sample(self, map);
         let reach = self.value.min.abs().max(self.value.max.abs());
         let (cw, ch) = (MAP_W / CELLS as f64, tall / CELLS as f64);
-        // Cells of one shade make one shape, which keeps the file small.
-        let mut shades: Vec<Vec<Place>> = vec![Vec::new(); 2 * SHADES + 1];
+        // Neighbours of one shade in a row make one tile, all tiles of a shade one shape, which keeps the file small.
+        let mut shades: Vec<Vec<(Place, f64)>> = vec![Vec::new(); 2 * SHADES + 1];
+        let shade_of = |i: usize, j: usize| {
+            let value = grid.cell(i, j) / reach;
+            value
+                .is_finite()
+                .then(|| ((value.clamp(-1.0, 1.0) + 1.0) * SHADES as f64).round() as usize)
+        };
         for j in 0..CELLS {
-            for i in 0..CELLS {
-                let value = grid.cell(i, j) / reach;
-                if value.is_finite() {
-                    let shade = ((value.clamp(-1.0, 1.0) + 1.0) * SHADES as f64).round() as usize;
-                    shades[shade].push((corner.0 + i as f64 * cw, corner.1 + j as f64 * ch));
+            let mut i = 0;
+            while i < CELLS {
+                let shade = shade_of(i, j);
+                let first = i;
+                while i < CELLS && shade_of(i, j) == shade {
+                    i += 1;
+                }
+                if let Some(shade) = shade {
+                    let place = (corner.0 + first as f64 * cw, corner.1 + j as f64 * ch);
+                    // A little overlap, so that no hairlines show between the tiles.
+                    shades[shade].push((place, (i - first) as f64 * cw + 0.5));
                 }
             }
         }
         canvas.clipped(corner, (MAP_W, tall), |canvas| {
             for (shade, cells) in shades.iter().enumerate() {
                 let value = shade as f64 / SHADES as f64 - 1.0;
-                // A little overlap, so that no hairlines show between the cells.
-                canvas.tiles(
-                    cells,
-                    (cw + 0.5, ch + 0.5),
-                    &Paint::area(colour::diverging(value)),
-                );
+                canvas.tiles(cells, ch + 0.5, &Paint::area(colour::diverging(value)));
             }
             let mut labels = Vec::new();
-            for level in &self.contours {
-                draw_contour(canvas, &grid, *level, corner, (cw, ch), &mut labels);
+            let lines: Vec<_> = self
+                .contours
+                .iter()
+                .map(|level| {
+                    let line = contour(&grid, *level, corner, (cw, ch));
+                    if *level != 0.0 {
+                        label_contour(&line, *level, corner, (cw, ch), &mut labels);
+                    }
+                    (*level, line)
+                })
+                .collect();
+            for (level, line) in lines {
+                draw_contour(canvas, line, level, &labels);
             }
             for (place, text) in labels {
                 canvas.text(
                     (place.0, place.1 + 3.5),
                     &text,
-                    &Type::size(9.5).middle().halo(),
+                    &Type::size(LABEL_SIZE).middle().halo(),
                 );
             }
         });
         canvas.rect(corner, (MAP_W, tall), &Paint::line(INK, 0.9));
         canvas.text((corner.0, corner.1 - 8.0), &map.title, &Type::size(LABEL));
         frame.draw_ticks(canvas);
-    }
-
-    fn draw_bar(&self, canvas: &mut Canvas, corner: Place, height: f64) {
-        let (width, steps) = (16.0, 120);
-        let reach = self.value.min.abs().max(self.value.max.abs());
-        for i in 0..steps {
-            let share = (f64::from(i) + 0.5) / f64::from(steps);
-            let value = self.value.max + share * (self.value.min - self.value.max);
-            let y = corner.1 + height * f64::from(i) / f64::from(steps);
-            let tall = height / f64::from(steps) + if i + 1 < steps { 0.6 } else { 0.0 };
-            canvas.rect(
-                (corner.0, y),
-                (width, tall),
-                &Paint::area(colour::diverging(value / reach)),
-            );
-        }
-        canvas.rect(corner, (width, height), &Paint::line(INK, 0.8));
-        for (value, text) in self.value.ticks(8) {
-            let y = corner.1 + (1.0 - self.value.share(value)) * height;
-            canvas.line(
-                (corner.0 + width, y),
-                (corner.0 + width + 4.0, y),
-                &Paint::line(INK, 0.8),
-            );
-            canvas.text((corner.0 + width + 7.0, y + 4.0), &text, &Type::size(TICK));
-        }
-        canvas.text(
-            (corner.0 - 2.0, corner.1 - 12.0),
-            &self.value.label,
-            &Type::size(LABEL),
-        );
     }
 }
 
@@ -235,15 +227,8 @@ impl Grid {
     }
 }
 
-/// One contour line by marching squares, its value written once on its longest straight part.
-fn draw_contour(
-    canvas: &mut Canvas,
-    grid: &Grid,
-    level: f64,
-    corner: Place,
-    cell: Place,
-    labels: &mut Vec<(Place, String)>,
-) {
+/// The pieces of one contour line by marching squares.
+fn contour(grid: &Grid, level: f64, corner: Place, cell: Place) -> Vec<(Place, Place)> {
     let at = |i: f64, j: f64| (corner.0 + i * cell.0, corner.1 + j * cell.1);
     let mut segments: Vec<(Place, Place)> = Vec::new();
     for i in 0..CELLS {
@@ -272,16 +257,69 @@ fn draw_contour(
             }
         }
     }
-    for (a, b) in &segments {
-        canvas.line(
-            *a,
-            *b,
-            &Paint::line(INK, if level == 0.0 { 1.1 } else { 0.7 }),
-        );
+    segments
+}
+
+/// Draw the pieces of a contour line as whole lines, with a gap around each label, its own or another's.
+fn draw_contour(
+    canvas: &mut Canvas,
+    segments: Vec<(Place, Place)>,
+    level: f64,
+    labels: &[(Place, String)],
+) {
+    let covered = |p: Place| {
+        labels.iter().any(|(at, words)| {
+            let half = 0.5 * text::width(words, LABEL_SIZE, false) + 2.0;
+            (p.0 - at.0).abs() < half && (p.1 - at.1).abs() < 0.55 * LABEL_SIZE
+        })
+    };
+    let open: Vec<_> = segments
+        .into_iter()
+        .filter(|(a, b)| !covered((0.5 * (a.0 + b.0), 0.5 * (a.1 + b.1))))
+        .collect();
+    let paint = Paint::line(INK, if level == 0.0 { 1.1 } else { 0.7 });
+    for line in joined(&open) {
+        canvas.polyline(&line, &paint);
     }
-    if level != 0.0 {
-        label_contour(&segments, level, corner, cell, labels);
+}
+
+/// Pieces that share an end, joined to lines as long as they go; in the order of the first piece of each.
+fn joined(segments: &[(Place, Place)]) -> Vec<Vec<Place>> {
+    // Both cells of an edge find its cut but for rounding.
+    let key = |p: Place| ((p.0 * 1e4).round() as i64, (p.1 * 1e4).round() as i64);
+    let mut at: BTreeMap<(i64, i64), Vec<usize>> = BTreeMap::new();
+    for (i, (a, b)) in segments.iter().enumerate() {
+        at.entry(key(*a)).or_default().push(i);
+        at.entry(key(*b)).or_default().push(i);
     }
+    let mut used = vec![false; segments.len()];
+    let mut lines = Vec::new();
+    for first in 0..segments.len() {
+        if used[first] {
+            continue;
+        }
+        used[first] = true;
+        let mut line = VecDeque::from([segments[first].0, segments[first].1]);
+        for forward in [true, false] {
+            // Every step uses up a piece, so this ends.
+            while let Some(end) = if forward { line.back() } else { line.front() }.copied() {
+                let next = at
+                    .get(&key(end))
+                    .and_then(|pieces| pieces.iter().copied().find(|i| !used[*i]));
+                let Some(i) = next else { break };
+                used[i] = true;
+                let (a, b) = segments[i];
+                let other = if key(a) == key(end) { b } else { a };
+                if forward {
+                    line.push_back(other);
+                } else {
+                    line.push_front(other);
+                }
+            }
+        }
+        lines.push(line.into());
+    }
+    lines
 }
 
 /// The value of a contour once in each quarter of the map that it crosses, where there is room.

@@ -3,7 +3,8 @@
 use super::Figure;
 use super::axis::Axis;
 use super::canvas::{Canvas, Paint, Place, Type};
-use super::colour::{self, Colour, GREY, INK, PALE, WHITE};
+use super::colour::{self, Colour, GREY, INK, PALE};
+use super::colour_bar;
 use super::lines::wrapped;
 
 const TITLE: f64 = 15.0;
@@ -23,8 +24,8 @@ pub(crate) struct Surface<'a> {
     pub(crate) title: String,
     /// The value at x and y; not finite where there is none.
     pub(crate) value: &'a dyn Fn(f64, f64) -> f64,
-    /// Whether a place is drawn in full colour; others are pale.
-    pub(crate) full: &'a dyn Fn(f64, f64) -> bool,
+    /// Half the width in x, at y, within which the surface is drawn in colour; outside it is a net.
+    pub(crate) half_width: &'a dyn Fn(f64) -> f64,
 }
 
 /// Rows of boxes with common axes and one colour scale.
@@ -50,6 +51,8 @@ const BOX_H: f64 = 262.0;
 const HEAD: f64 = 60.0;
 const ROW_HEAD: f64 = 30.0;
 const BAR: f64 = 96.0;
+/// Colour of the net outside the coloured part.
+const NET: Colour = Colour(0xb4, 0xb4, 0xb4);
 
 impl Sheet<'_> {
     /// Draw it.
@@ -76,8 +79,9 @@ impl Sheet<'_> {
                 self.draw_box(&mut canvas, surface, corner);
             }
         }
-        self.draw_bar(
+        colour_bar::draw(
             &mut canvas,
+            &self.z,
             (width - BAR + 14.0, head + 60.0),
             height - head - 120.0,
         );
@@ -153,44 +157,50 @@ impl Sheet<'_> {
         let n = self.cells.clamp(2, 120);
         let x_at = |i: usize| self.x.min + (self.x.max - self.x.min) * i as f64 / n as f64;
         let y_at = |j: usize| between(&self.y, j as f64 / n as f64);
-        let mut cells = Vec::with_capacity(n * n);
+        // Painter's order is by depth: where it is drawn, whether in colour, its corners, its value.
+        let mut cells: Vec<(f64, bool, Vec<Place>, f64)> = Vec::with_capacity(n * n);
         for i in 0..n {
             for j in 0..n {
-                let corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)];
-                let values = corners.map(|(a, b)| (surface.value)(x_at(a), y_at(b)));
-                let mean = values.iter().sum::<f64>() / 4.0;
-                if !mean.is_finite() || values.iter().all(|v| *v < self.z.min || *v > self.z.max) {
-                    continue;
+                let corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
+                    .map(|(a, b)| (x_at(a), y_at(b)));
+                let inside = |(x, y): (f64, f64)| (surface.half_width)(y) - x.abs();
+                for (coloured, sign) in [(true, 1.0), (false, -1.0)] {
+                    let part = cut(&corners, |at| sign * inside(at));
+                    if part.len() < 3 {
+                        continue;
+                    }
+                    let values: Vec<f64> = part.iter().map(|p| (surface.value)(p.0, p.1)).collect();
+                    let mean = values.iter().sum::<f64>() / values.len() as f64;
+                    let out = |v: &f64| *v < self.z.min || *v > self.z.max;
+                    if !mean.is_finite() || values.iter().all(out) {
+                        continue;
+                    }
+                    let (places, depths): (Vec<Place>, Vec<f64>) = part
+                        .iter()
+                        .zip(&values)
+                        .map(|((x, y), value)| {
+                            let w = self.z.share(*value).clamp(0.0, 1.0);
+                            view.place(self.x.share(*x), self.y.share(*y), w)
+                        })
+                        .unzip();
+                    let depth = depths.iter().sum::<f64>() / depths.len() as f64;
+                    cells.push((depth, coloured, places, mean));
                 }
-                let mut places = [(0.0, 0.0); 4];
-                let mut depth = 0.0;
-                for (k, (a, b)) in corners.into_iter().enumerate() {
-                    let w = self.z.share(values[k]).clamp(0.0, 1.0);
-                    let (place, d) = view.place(self.x.share(x_at(a)), self.y.share(y_at(b)), w);
-                    places[k] = place;
-                    depth += d / 4.0;
-                }
-                let middle = (0.5 * (x_at(i) + x_at(i + 1)), 0.5 * (y_at(j) + y_at(j + 1)));
-                cells.push((depth, places, mean, (surface.full)(middle.0, middle.1)));
             }
         }
         cells.sort_by(|a, b| b.0.total_cmp(&a.0));
         let reach = self.z.min.abs().max(self.z.max.abs());
-        for (_, places, mean, full) in cells {
-            let fill = colour::diverging(mean / reach);
-            let (fill, edge) = if full {
-                (fill, colour::mix(fill, INK, 0.35))
+        for (_, coloured, places, mean) in cells {
+            let paint = if coloured {
+                let fill = colour::diverging(mean / reach);
+                Paint {
+                    fill: Some(fill),
+                    stroke: Some(colour::mix(fill, INK, 0.35)),
+                    width: 0.35,
+                    ..Paint::default()
+                }
             } else {
-                (
-                    colour::mix(fill, WHITE, 0.62),
-                    colour::mix(fill, WHITE, 0.45),
-                )
-            };
-            let paint = Paint {
-                fill: Some(fill),
-                stroke: Some(edge),
-                width: 0.35,
-                ..Paint::default()
+                Paint::line(NET, 0.35)
             };
             canvas.polygon(&places, &paint);
         }
@@ -240,39 +250,6 @@ impl Sheet<'_> {
         let at = (a.0 - 34.0, 0.5 * (a.1 + b.1));
         canvas.text(at, &self.z.label, &Type::size(LABEL).middle().turned(-90.0));
     }
-
-    /// The colour scale.
-    fn draw_bar(&self, canvas: &mut Canvas, corner: Place, height: f64) {
-        let (width, steps) = (16.0, 120);
-        let reach = self.z.min.abs().max(self.z.max.abs());
-        for i in 0..steps {
-            let share = (f64::from(i) + 0.5) / f64::from(steps);
-            let value = self.z.max + share * (self.z.min - self.z.max);
-            let y = corner.1 + height * f64::from(i) / f64::from(steps);
-            // A little overlap, so that no hairline shows between the steps.
-            let tall = height / f64::from(steps) + if i + 1 < steps { 0.6 } else { 0.0 };
-            canvas.rect(
-                (corner.0, y),
-                (width, tall),
-                &Paint::area(colour::diverging(value / reach)),
-            );
-        }
-        canvas.rect(corner, (width, height), &Paint::line(INK, 0.8));
-        for (value, text) in self.z.ticks(8) {
-            let y = corner.1 + (1.0 - self.z.share(value)) * height;
-            canvas.line(
-                (corner.0 + width, y),
-                (corner.0 + width + 4.0, y),
-                &Paint::line(INK, 0.8),
-            );
-            canvas.text((corner.0 + width + 7.0, y + 4.0), &text, &Type::size(TICK));
-        }
-        canvas.text(
-            (corner.0 - 2.0, corner.1 - 12.0),
-            &self.z.label,
-            &Type::size(LABEL),
-        );
-    }
 }
 
 /// A value of an axis at a share of it; in even ratios where both ends are positive, since distances bend most when near.
@@ -282,6 +259,23 @@ fn between(axis: &Axis, share: f64) -> f64 {
     } else {
         axis.min + (axis.max - axis.min) * share
     }
+}
+
+/// The part of a polygon where `inside` is 0 or more, its edges taken as straight (Sutherland and Hodgman 1974).
+fn cut(corners: &[(f64, f64)], inside: impl Fn((f64, f64)) -> f64) -> Vec<(f64, f64)> {
+    let mut out = Vec::with_capacity(corners.len() + 1);
+    for (k, a) in corners.iter().enumerate() {
+        let b = &corners[(k + 1) % corners.len()];
+        let (ga, gb) = (inside(*a), inside(*b));
+        if ga >= 0.0 {
+            out.push(*a);
+        }
+        if ga * gb < 0.0 {
+            let t = ga / (ga - gb);
+            out.push((a.0 + t * (b.0 - a.0), a.1 + t * (b.1 - a.1)));
+        }
+    }
+    out
 }
 
 /// From the unit box to the sheet.

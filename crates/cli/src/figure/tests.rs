@@ -107,3 +107,20 @@ fn markup_does_not_change_the_width_of_the_letters() {
     assert!(plain > 12.0 && plain < 24.0, "{plain}");
     assert!(super::text::width("a_{bc}", 10.0, false) < plain);
 }
+
+/// Captions break at spaces, but never between a number and its unit.
+#[test]
+fn no_break_spaces_do_not_break() {
+    let text = "one two *t*\u{a0}=\u{a0}1000\u{a0}mm three";
+    for width in [20.0, 40.0, 80.0, 120.0, 400.0] {
+        let lines = super::lines::wrapped(text, width, 11.0);
+        assert!(
+            lines
+                .iter()
+                .any(|l| l.contains("*t*\u{a0}=\u{a0}1000\u{a0}mm")),
+            "{width}: {lines:?}"
+        );
+        assert_eq!(lines.join(" "), text);
+    }
+    assert!(super::text::has_glyphs("\u{a0}"));
+}

@@ -52,11 +52,11 @@ fn parallax(
     })
 }
 
-/// One line about the rig, for subtitles.
+/// One line about the rig, for subtitles; numbers stay with their units.
 fn rig_line(setup: &Setup) -> String {
     let mm = |v: f64| significant(v * 1e3, 4);
     format!(
-        "Base *t* = {} mm, *f* = {} mm, sensor {} × {} mm with {} × {} px, screen magnification *M* = {}, eyes *e* = {} mm apart, *V* = {} m from the screen.",
+        "Base *t*\u{a0}=\u{a0}{}\u{a0}mm, *f*\u{a0}=\u{a0}{}\u{a0}mm, sensor {}\u{a0}×\u{a0}{}\u{a0}mm with {}\u{a0}×\u{a0}{}\u{a0}px, screen magnification *M*\u{a0}=\u{a0}{}, eyes *e*\u{a0}=\u{a0}{}\u{a0}mm apart, *V*\u{a0}=\u{a0}{}\u{a0}m from the screen.",
         mm(setup.array.interaxial_m),
         mm(setup.array.focal_m),
         mm(setup.sensor.width_m),

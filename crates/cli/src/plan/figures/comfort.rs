@@ -1,8 +1,8 @@
 //! Parallax against distance, with the bands of the rule.
 
 use vergence_geometry::ModeKind;
-use vergence_geometry::comfort::{Keystone, ParallaxLimits, Rule};
-use vergence_geometry::planning::{Policy, distance_row, thresholds};
+use vergence_geometry::comfort::{Front, Keystone, ParallaxLimits, Rule};
+use vergence_geometry::planning::{Policy, Setup, distance_row, thresholds};
 
 use super::super::report::Question;
 use super::rig_line;
@@ -12,7 +12,9 @@ use crate::figure::colour::{BLUE, Colour, GREEN, INK, VERMILION};
 use crate::figure::lines::{Band, Level, Panel, Series, Stack, Stroke};
 use crate::rig::refused;
 
-const STEPS: usize = 240;
+const STEPS: usize = 480;
+/// How far an axis reaches, in limits of the rule.
+const REACH: f64 = 6.0;
 
 // Pale enough for curves to run over them; light differs as well as hue.
 const TOO_MUCH: Colour = Colour(0xf3, 0xd3, 0xc4);
@@ -31,8 +33,9 @@ pub(super) fn draw(question: &Question) -> anyhow::Result<Figure> {
     let mut curves: [Vec<(f64, f64)>; 3] = Default::default();
     let mut keystone = Vec::new();
     let mut crop = Vec::new();
+    let axis = question.distance_axis("distance of the target / m");
     for i in 0..=STEPS {
-        let z = question.near_m + (question.far_m - question.near_m) * i as f64 / STEPS as f64;
+        let z = axis.at_share(i as f64 / STEPS as f64);
         let row = distance_row(setup, &question.rule, z).map_err(refused)?;
         for mode in &row.modes {
             match mode.mode {
@@ -57,6 +60,7 @@ pub(super) fn draw(question: &Question) -> anyhow::Result<Figure> {
         &curves,
         limits.as_ref(),
         &crossings,
+        found.indistinguishable_from_m,
     )?];
     if let Some(panel) = rule_panel(question, &curves) {
         panels.push(panel);
@@ -71,16 +75,17 @@ pub(super) fn draw(question: &Question) -> anyhow::Result<Figure> {
             question.rule.info().source,
             rig_line(setup)
         ),
-        Axis::linear(
-            "distance of the target / m",
-            question.near_m,
-            question.far_m,
-        ),
+        axis,
         panels,
     );
+    // The paper's distances say something of its own rig and viewer only.
+    let paper = Setup {
+        far_m: setup.far_m,
+        ..Setup::default()
+    };
     stack.marks = PAPER
         .iter()
-        .filter(|z| **z > question.near_m && **z < question.far_m)
+        .filter(|z| *setup == paper && **z > question.near_m && **z < question.far_m)
         .map(|z| Level {
             label: format!("paper: {z} m"),
             at: *z,
@@ -105,6 +110,7 @@ fn parallax_panel(
     curves: &[Vec<(f64, f64)>; 3],
     limits: Option<&ParallaxLimits>,
     crossings: &[Option<f64>],
+    alike: Option<f64>,
 ) -> anyhow::Result<Panel> {
     let mut series = three(curves, |p| p * 1e3);
     let mut points = Vec::new();
@@ -119,16 +125,25 @@ fn parallax_panel(
             .map_err(refused)?;
         points.push((*z, p.unwrap_or(f64::NAN) * 1e3));
     }
-    series.push(
-        Series::new("thresholds", points)
-            .colour(INK)
-            .stroke(Stroke::Points),
-    );
-    let values: Vec<f64> = series
-        .iter()
-        .flat_map(|s| s.points.iter().map(|p| p.1))
-        .collect();
-    let mut panel = Panel::new(Axis::around("parallax *p* / mm", values, &[]), series);
+    if let Some(z) = alike.filter(|z| *z > question.near_m && *z < question.far_m) {
+        let p = question
+            .setup
+            .axial_parallax_m(ModeKind::Converged, z, question.setup.far_m)
+            .map_err(refused)?;
+        points.push((z, p.unwrap_or(f64::NAN) * 1e3));
+    }
+    if !points.is_empty() {
+        series.push(
+            Series::new("thresholds of the rule", points)
+                .colour(INK)
+                .stroke(Stroke::Points),
+        );
+    }
+    let reach = limits.map_or([f64::NEG_INFINITY, f64::INFINITY], |l| {
+        [l.front_acceptable_m * 1e3, l.behind_acceptable_m * 1e3]
+    });
+    let y = axis_about("parallax *p* / mm (in front < 0)", &series, reach);
+    let mut panel = Panel::new(y, series);
     panel.height = 230.0;
     if let Some(l) = limits {
         let mm = |v: f64| v * 1e3;
@@ -146,15 +161,32 @@ fn parallax_panel(
     Ok(panel)
 }
 
+/// An axis around all values, but not farther than a few times the limits: a background that nears divergence would press
+/// everything else onto a line.
+fn axis_about(label: &str, series: &[Series], limits: [f64; 2]) -> Axis {
+    let reach = REACH * limits.map(f64::abs).into_iter().fold(0.0, f64::max);
+    let values = series
+        .iter()
+        .flat_map(|s| s.points.iter().map(|p| p.1))
+        .filter(|v| !v.is_nan())
+        .map(|v| v.clamp(-reach, reach));
+    Axis::around(label, values, &[])
+}
+
 /// The same curves in the rule's own quantity.
 fn rule_panel(question: &Question, curves: &[Vec<(f64, f64)>; 3]) -> Option<Panel> {
     let viewing = question.setup.viewing();
     let info = question.rule.info();
+    let front = match info.front {
+        Front::Positive => "in front > 0",
+        Front::Negative => "in front < 0",
+        Front::Neither => "both sides",
+    };
     let (label, factor) = match question.rule {
-        Rule::SeenDepth(_) => ("seen depth / % of *V*".to_owned(), 100.0),
+        Rule::SeenDepth(_) => (format!("seen depth / % of *V* ({front})"), 100.0),
         // Percent of the width and its like are the first panel in another unit: nothing new to see.
         Rule::WidthFraction(_) => return None,
-        _ => (format!("{} / {}", info.name, info.unit), 1.0),
+        _ => (format!("{} / {} ({front})", info.name, info.unit), 1.0),
     };
     question.rule.measure_parallax(0.0, &viewing)?;
     let measure = |p: f64| {
@@ -164,17 +196,14 @@ fn rule_panel(question: &Question, curves: &[Vec<(f64, f64)>; 3]) -> Option<Pane
             .map_or(f64::NAN, |v| v * factor)
     };
     let series = three(curves, measure);
-    let values: Vec<f64> = series
-        .iter()
-        .flat_map(|s| s.points.iter().map(|p| p.1))
-        .collect();
-    let mut panel = Panel::new(Axis::around(&label, values, &[]), series);
+    let b = question.rule.bands(&viewing);
+    let y = axis_about(&label, &series, b.acceptable.map(|v| v * factor));
+    let mut panel = Panel::new(y, series);
     for s in &mut panel.series {
         // The legend above holds for this panel too.
         s.label.clear();
     }
     panel.height = 200.0;
-    let b = question.rule.bands(&viewing);
     panel.bands = bands(
         &panel.y,
         [
@@ -207,7 +236,7 @@ fn keystone_panel(points: Vec<(f64, f64)>) -> Panel {
     let mut below = 0.0;
     for (label, to, colour) in [
         ("good", rule.comfortable_px, GOOD),
-        ("limit near", rule.acceptable_px, LIMIT),
+        ("beyond comfort", rule.acceptable_px, LIMIT),
         ("too much", 2.0 * top, TOO_MUCH),
     ] {
         panel.bands.push(Band {
@@ -246,14 +275,14 @@ fn crop_panel(points: Vec<(f64, f64)>) -> Panel {
 fn bands(y: &Axis, limits: [f64; 4], no_depth: Option<[f64; 2]>) -> Vec<Band> {
     let mut edges = vec![
         (f64::NEG_INFINITY, "too much", TOO_MUCH),
-        (limits[0], "limit near", LIMIT),
+        (limits[0], "beyond comfort", LIMIT),
         (limits[1], "comfortable", GOOD),
     ];
     if let Some([low, high]) = no_depth {
-        edges.push((low, "no depth", NO_DEPTH));
+        edges.push((low, "no depth if parallel", NO_DEPTH));
         edges.push((high, "comfortable", GOOD));
     }
-    edges.push((limits[2], "limit near", LIMIT));
+    edges.push((limits[2], "beyond comfort", LIMIT));
     edges.push((limits[3], "too much", TOO_MUCH));
     let ends: Vec<f64> = edges
         .iter()

@@ -1,13 +1,13 @@
 //! The rig from above, to scale: the scene, the head, the viewer.
 
-use vergence_geometry::ModeKind;
 use vergence_geometry::planning::thresholds;
+use vergence_geometry::{ModeKind, View};
 
 use super::super::report::Question;
 use super::{metres, rig_line};
 use crate::figure::Figure;
 use crate::figure::canvas::{Canvas, Paint, Place, Type};
-use crate::figure::colour::{BLUE, Colour, GREEN, GREY, INK, PALE, VERMILION};
+use crate::figure::colour::{BLUE, Colour, GREEN, GREY, INK, PALE, VERMILION, WHITE};
 use crate::figure::lines::wrapped;
 use crate::rig::refused;
 use crate::settings::quantity::significant;
@@ -51,7 +51,7 @@ pub(super) fn draw(question: &Question) -> anyhow::Result<Figure> {
     };
     draw_scene(&mut canvas, question, &scene)?;
     draw_head(&mut canvas, question, (20.0, lower))?;
-    draw_viewer(&mut canvas, question, (430.0, lower));
+    draw_viewer(&mut canvas, question, (430.0, lower))?;
     Ok(canvas.finish(title, &subtitle))
 }
 
@@ -78,23 +78,28 @@ fn draw_scene(canvas: &mut Canvas, question: &Question, scene: &Scene) -> anyhow
     let [tan, _] = setup.sensor.half_field(setup.array.focal_m);
     let corner = (scene.origin.0, scene.origin.1 - scene.half);
     let size = (far * scene.scale, 2.0 * scene.half);
+    // Fields begin at the lenses.
+    let pupil = setup.array.pupil_m;
     canvas.clipped(corner, size, |canvas| {
+        let half = tan * (far - pupil);
         let wedge = |x: f64| {
             [
-                scene.at(x, 0.0),
-                scene.at(x - tan * far, far),
-                scene.at(x + tan * far, far),
+                scene.at(x, pupil),
+                scene.at(x - half, far),
+                scene.at(x + half, far),
             ]
         };
         canvas.polygon(&wedge(-half_t), &Paint::area(FIELD_LEFT));
         canvas.polygon(&wedge(half_t), &Paint::area(FIELD_RIGHT));
-        let apex = half_t / tan;
-        let both = [
-            scene.at(0.0, apex),
-            scene.at(half_t - tan * far, far),
-            scene.at(tan * far - half_t, far),
-        ];
-        canvas.polygon(&both, &Paint::area(FIELD_BOTH));
+        let apex = pupil + half_t / tan;
+        if apex < far {
+            let both = [
+                scene.at(0.0, apex),
+                scene.at(half_t - half, far),
+                scene.at(half - half_t, far),
+            ];
+            canvas.polygon(&both, &Paint::area(FIELD_BOTH));
+        }
     });
     // The axes of the tick marks.
     let bottom = scene.origin.1 + scene.half;
@@ -200,6 +205,9 @@ fn draw_toe_in(canvas: &mut Canvas, question: &Question, scene: &Scene) {
     );
 }
 
+/// Height of part (b) above the pivots that the axes may take.
+const AXIS_UP: f64 = 165.0;
+
 /// Part (b): the head enlarged, turned to the nearest target; z upwards.
 fn draw_head(canvas: &mut Canvas, question: &Question, corner: Place) -> anyhow::Result<()> {
     let setup = &question.setup;
@@ -208,63 +216,28 @@ fn draw_head(canvas: &mut Canvas, question: &Question, corner: Place) -> anyhow:
         "(b)",
         &Type::size(LABEL).bold(),
     );
-    let t = setup.array.interaxial_m;
-    let scale = 190.0 / t;
+    let (t, f, pupil) = (
+        setup.array.interaxial_m,
+        setup.array.focal_m,
+        setup.array.pupil_m,
+    );
+    // As large as the base allows, but lens and pivot both within the part.
+    let scale = (190.0 / t).min(0.7 * AXIS_UP / pupil.max(1e-9));
     let centre = (corner.0 + 195.0, corner.1 + 215.0);
-    let at = |x: f64, z: f64| (centre.0 + x * scale, centre.1 - z * scale);
     let views = setup
         .views_at(ModeKind::Converged, question.near_m)
         .map_err(refused)?;
+    let head = Head { centre, scale };
     for (view, (colour, name, side)) in views
         .cameras()
         .iter()
         .zip([(BLUE, "left", -1.0), (VERMILION, "right", 1.0)])
     {
-        let [cx, cz] = view.centre_m();
-        let [ax, az] = view.axis;
-        let along = |d: f64, across: f64| at(cx + ax * d + az * across, cz + az * d - ax * across);
-        let (f, w) = (setup.array.focal_m, setup.sensor.width_m);
-        let reach = 165.0 / scale;
-        canvas.line(
-            along(-1.6 * f, 0.0),
-            along(reach, 0.0),
-            &Paint::line(colour, 1.0),
-        );
-        canvas.line(
-            at(view.pivot_x_m, 0.0),
-            at(view.pivot_x_m, reach),
-            &Paint::line(GREY, 0.7).dashed("3 2"),
-        );
-        // The field behind the lens onto the sensor.
-        canvas.polygon(
-            &[along(0.0, 0.0), along(-f, -w / 2.0), along(-f, w / 2.0)],
-            &Paint::area(colour).faint(0.18),
-        );
-        canvas.line(
-            along(-f, -w / 2.0),
-            along(-f, w / 2.0),
-            &Paint::line(colour, 3.0),
-        );
-        canvas.circle(
-            along(0.0, 0.0),
-            3.4,
-            &Paint {
-                fill: Some(Colour(255, 255, 255)),
-                stroke: Some(colour),
-                width: 1.4,
-                ..Paint::default()
-            },
-        );
-        let foot = at(view.pivot_x_m, 0.0);
-        canvas.text(
-            (foot.0 + side * 14.0, foot.1 + 4.0),
-            name,
-            &if side < 0.0 {
-                Type::size(NOTE).end()
-            } else {
-                Type::size(NOTE)
-            },
-        );
+        head.draw_camera(canvas, view, [f, setup.sensor.width_m], colour);
+        let foot = head.at(view.pivot_x_m, 0.0);
+        let kind = Type::size(NOTE);
+        let kind = if side < 0.0 { kind.end() } else { kind };
+        canvas.text((foot.0 + side * 14.0, foot.1 + 4.0), name, &kind);
     }
     let beta = (t / (2.0 * question.near_m)).atan().to_degrees();
     let text = format!(
@@ -278,16 +251,19 @@ fn draw_head(canvas: &mut Canvas, question: &Question, corner: Place) -> anyhow:
     );
     dimension(
         canvas,
-        at(-t / 2.0, 0.0),
-        at(t / 2.0, 0.0),
+        head.at(-t / 2.0, 0.0),
+        head.at(t / 2.0, 0.0),
         50.0,
         &format!("*t* = {} mm", significant(t * 1e3, 4)),
     );
-    let facts = format!(
+    let mut facts = format!(
         "*f* = {} mm; sensor {} mm wide",
-        significant(setup.array.focal_m * 1e3, 4),
+        significant(f * 1e3, 4),
         significant(setup.sensor.width_m * 1e3, 4)
     );
+    if pupil > 0.0 {
+        facts += &format!("; lens {} mm before its pivot", significant(pupil * 1e3, 4));
+    }
     canvas.text(
         (centre.0, centre.1 + 90.0),
         &facts,
@@ -296,8 +272,64 @@ fn draw_head(canvas: &mut Canvas, question: &Question, corner: Place) -> anyhow:
     Ok(())
 }
 
+/// Where part (b) lies: the middle of the pivots, and its scale.
+struct Head {
+    centre: Place,
+    scale: f64,
+}
+
+impl Head {
+    fn at(&self, x: f64, z: f64) -> Place {
+        (
+            self.centre.0 + x * self.scale,
+            self.centre.1 - z * self.scale,
+        )
+    }
+
+    /// One camera: pivot, axis, lens, and the field behind the lens onto the sensor (focal length, width).
+    fn draw_camera(&self, canvas: &mut Canvas, view: &View, [f, w]: [f64; 2], colour: Colour) {
+        let [cx, cz] = view.centre_m();
+        let [ax, az] = view.axis;
+        let along =
+            |d: f64, across: f64| self.at(cx + ax * d + az * across, cz + az * d - ax * across);
+        let reach = AXIS_UP / self.scale;
+        let pivot = self.at(view.pivot_x_m, 0.0);
+        canvas.line(
+            pivot,
+            self.at(view.pivot_x_m, reach),
+            &Paint::line(GREY, 0.7).dashed("3 2"),
+        );
+        canvas.line(pivot, along(0.0, 0.0), &Paint::line(colour, 1.0));
+        canvas.line(
+            along(-1.6 * f, 0.0),
+            along((reach - cz) / az, 0.0),
+            &Paint::line(colour, 1.0),
+        );
+        canvas.polygon(
+            &[along(0.0, 0.0), along(-f, -w / 2.0), along(-f, w / 2.0)],
+            &Paint::area(colour).faint(0.18),
+        );
+        canvas.line(
+            along(-f, -w / 2.0),
+            along(-f, w / 2.0),
+            &Paint::line(colour, 3.0),
+        );
+        canvas.circle(
+            along(0.0, 0.0),
+            3.4,
+            &Paint {
+                fill: Some(WHITE),
+                stroke: Some(colour),
+                width: 1.4,
+                ..Paint::default()
+            },
+        );
+        canvas.circle(pivot, 2.2, &Paint::area(INK));
+    }
+}
+
 /// Part (c): screen, eyes, and where the nearest target of parallel cameras is seen; the viewer below.
-fn draw_viewer(canvas: &mut Canvas, question: &Question, corner: Place) {
+fn draw_viewer(canvas: &mut Canvas, question: &Question, corner: Place) -> anyhow::Result<()> {
     let setup = &question.setup;
     canvas.text(
         (corner.0, corner.1 + 12.0),
@@ -306,9 +338,11 @@ fn draw_viewer(canvas: &mut Canvas, question: &Question, corner: Place) {
     );
     let (e, v) = (setup.viewer.interocular_m, setup.viewer.distance_m);
     let width = setup.screen_width_m();
-    let strength = setup.screen.magnification * setup.array.focal_m * setup.array.interaxial_m;
-    let p_near = -strength / (question.near_m - setup.array.pupil_m);
-    let seen = v * -p_near / (e - p_near);
+    let p_near = setup
+        .axial_parallax_m(ModeKind::Parallel, question.near_m, question.near_m)
+        .map_err(refused)?
+        .unwrap_or(f64::NAN);
+    let seen = v * setup.viewer.seen_fraction(p_near).unwrap_or(f64::NAN);
     let scale = (200.0 / v).min(250.0 / width);
     let screen_y = corner.1 + 62.0;
     let middle = corner.0 + 165.0;
@@ -340,11 +374,17 @@ fn draw_viewer(canvas: &mut Canvas, question: &Question, corner: Place) {
     }
     let point = at(0.0, seen);
     canvas.circle(point, 3.2, &Paint::area(GREEN));
+    // Beside the point, but above the names of the eyes.
+    let note_y = point.1.min(at(0.0, v).1 - 40.0);
     let text = format!("parallel target at {}: seen", metres(question.near_m));
-    canvas.text((point.0 + 16.0, point.1), &text, &Type::size(NOTE).halo());
-    let text = format!("{} mm before the screen", significant(seen * 1e3, 3));
+    canvas.text((point.0 + 16.0, note_y), &text, &Type::size(NOTE).halo());
+    let text = if seen < 1.0 {
+        format!("{} mm before the screen", significant(seen * 1e3, 3))
+    } else {
+        format!("{} before the screen", metres(seen))
+    };
     canvas.text(
-        (point.0 + 16.0, point.1 + 14.0),
+        (point.0 + 16.0, note_y + 14.0),
         &text,
         &Type::size(NOTE).halo(),
     );
@@ -362,6 +402,7 @@ fn draw_viewer(canvas: &mut Canvas, question: &Question, corner: Place) {
         28.0,
         &format!("*e* = {} mm", significant(e * 1e3, 4)),
     );
+    Ok(())
 }
 
 /// A horizontal dimension below two places.

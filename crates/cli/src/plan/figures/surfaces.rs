@@ -12,10 +12,11 @@ use crate::figure::surface::{Sheet, Surface};
 const REACH: f64 = 0.8;
 const CELLS: usize = 28;
 
-/// The value over the two axes of a box, and whether the point there is in the picture.
+/// The value over the two axes of a box, and half the width of the picture there.
 struct Shape {
+    title: String,
     value: Box<dyn Fn(f64, f64) -> f64>,
-    in_picture: Box<dyn Fn(f64, f64) -> bool>,
+    half_width: Box<dyn Fn(f64) -> f64>,
 }
 
 /// Figure 3: h over x0 and z0 at four convergence distances.
@@ -25,28 +26,39 @@ pub(super) fn figure3(question: &Question) -> anyhow::Result<Figure> {
         .setup
         .sensor
         .half_field(question.setup.array.focal_m);
-    let mut rows: [Vec<Shape>; 2] = [Vec::new(), Vec::new()];
-    for l in distances {
-        for (row, mode) in rows
-            .iter_mut()
-            .zip([ModeKind::Converged, ModeKind::Parallel])
-        {
-            let p = parallax(&question.setup, mode, l)?;
-            row.push(Shape {
-                value: Box::new(move |x, z| -1e3 * p([x, 0.0, z])[0]),
-                in_picture: Box::new(move |x, z| x.abs() <= half_x * z),
-            });
-        }
-    }
-    let titles = distances.map(|l| format!("*L* = {}", metres(l)));
+    let pupil = question.setup.array.pupil_m;
+    let shape = |title: String, mode, l| -> anyhow::Result<Shape> {
+        let p = parallax(&question.setup, mode, l)?;
+        Ok(Shape {
+            title,
+            value: Box::new(move |x, z| -1e3 * p([x, 0.0, z])[0]),
+            half_width: Box::new(move |z| half_x * (z - pupil)),
+        })
+    };
+    let converged = distances
+        .iter()
+        .map(|l| {
+            let title = format!("converged at *L* = {}", metres(*l));
+            shape(title, ModeKind::Converged, *l)
+        })
+        .collect::<anyhow::Result<Vec<_>>>()?;
+    // Parallel cameras know no L: one box for all.
+    let parallel = shape(
+        "parallel, any *L*".to_owned(),
+        ModeKind::Parallel,
+        question.near_m,
+    )?;
+    let mut first = converged;
+    let mut second = first.split_off(3);
+    second.push(parallel);
+    let rows = [("", first), ("", second)];
     sheet(
         question,
         &rows,
-        &titles,
         "*z*_{0} / m",
         "Horizontal parallax over the scene (Figure 3 of Yang et al. 2016)",
         "Parallax *h* of a point (*x*_{0}, 0, *z*_{0}) for cameras converged at *L* and for parallel cameras, which do not depend on *L*. \
-         Paper's sign: *h* > 0 is seen in front of the screen. Pale: outside the picture.",
+         Paper's sign: *h* > 0 is seen in front of the screen. Net without colour: outside the picture.",
     )
 }
 
@@ -57,38 +69,38 @@ pub(super) fn figure4(question: &Question) -> anyhow::Result<Figure> {
         .setup
         .sensor
         .half_field(question.setup.array.focal_m);
-    let mut rows: [Vec<Shape>; 2] = [Vec::new(), Vec::new()];
-    for z in distances {
-        for (row, mode) in rows
-            .iter_mut()
-            .zip([ModeKind::Converged, ModeKind::Parallel])
-        {
+    let pupil = question.setup.array.pupil_m;
+    let modes = [
+        ("Converged", ModeKind::Converged),
+        ("Parallel", ModeKind::Parallel),
+    ];
+    let rows = modes.map(|(name, mode)| {
+        let shape = |z: f64| {
             let setup = question.setup;
             // A faulty distance cannot come up between near and far, both of which were checked; NaN leaves a hole.
-            row.push(Shape {
+            Shape {
+                title: format!("*z*_{{0}} = {}", metres(z)),
                 value: Box::new(move |x, l| {
                     parallax(&setup, mode, l).map_or(f64::NAN, |p| -1e3 * p([x, 0.0, z])[0])
                 }),
-                in_picture: Box::new(move |x, _| x.abs() <= half_x * z),
-            });
-        }
-    }
-    let titles = distances.map(|z| format!("*z*_{{0}} = {}", metres(z)));
+                half_width: Box::new(move |_| half_x * (z - pupil)),
+            }
+        };
+        (name, distances.map(shape).into())
+    });
     sheet(
         question,
         &rows,
-        &titles,
         "*L* / m",
         "Horizontal parallax over the convergence distance (Figure 4 of Yang et al. 2016)",
         "Parallax *h* of a point (*x*_{0}, 0, *z*_{0}) for cameras converged at *L* and for parallel cameras, which do not depend on *L*. \
-         Paper's sign: *h* > 0 is seen in front of the screen. Pale: outside the picture.",
+         Paper's sign: *h* > 0 is seen in front of the screen. Net without colour: outside the picture.",
     )
 }
 
 fn sheet(
     question: &Question,
-    rows: &[Vec<Shape>; 2],
-    titles: &[String; 4],
+    rows: &[(&str, Vec<Shape>); 2],
     y_label: &str,
     title: &str,
     subtitle: &str,
@@ -98,30 +110,27 @@ fn sheet(
     let y = Axis::linear(y_label, question.near_m, question.far_m);
     let extreme = rows
         .iter()
-        .flatten()
+        .flat_map(|row| &row.1)
         .flat_map(|f| samples(&x, &y).map(move |(a, b)| (f.value)(a, b).abs()))
         .filter(|v| v.is_finite())
         .fold(0.0, f64::max);
     // A little air above and below; the colours are symmetric about 0.
     let z = Axis::linear("*h* / mm", -1.05 * extreme, 1.05 * extreme);
-    let names = ["Converged", "Parallel"];
     let sheet = Sheet {
         title: title.to_owned(),
         subtitle: format!("{subtitle} {}", rig_line(&question.setup)),
         x,
         y,
         z,
-        rows: names
+        rows: rows
             .iter()
-            .zip(rows)
             .map(|(name, shapes)| {
                 let surfaces = shapes
                     .iter()
-                    .zip(titles)
-                    .map(|(shape, title)| Surface {
-                        title: title.clone(),
+                    .map(|shape| Surface {
+                        title: shape.title.clone(),
                         value: shape.value.as_ref(),
-                        full: shape.in_picture.as_ref(),
+                        half_width: shape.half_width.as_ref(),
                     })
                     .collect();
                 ((*name).to_owned(), surfaces)
