@@ -159,6 +159,17 @@ fn one_mode_and_another_rule_can_be_asked_for() {
 #[test]
 fn every_rule_of_the_settings_gives_a_verdict() {
     let place = Place::new();
+    let page = place.run(&["plan", "--help"]).good();
+    let even = page.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(
+        even.contains(&format!("Rules: {}.", RULES.join(", "))),
+        "{page}"
+    );
+    let err = place.run(&["plan", "--rule", "none"]).refused(2);
+    assert!(
+        err.contains(&format!("must be one of {};", RULES.join(", "))),
+        "{err}"
+    );
     for rule in RULES {
         let report = place
             .run(&["plan", "--rule", rule, "--format", "json"])

@@ -212,6 +212,39 @@ fn every_command_has_a_manual_page() {
     }
 }
 
+/// The defaults that the flags' help names are those of the settings.
+#[test]
+fn defaults_in_the_help_are_the_defaults() {
+    let place = Place::new();
+    let settings = place.run(&["config", "--format", "json"]).json();
+    let page = place.run(&["plan", "--help"]).good();
+    let even = page.split_whitespace().collect::<Vec<_>>().join(" ");
+    for (flag, section, key) in [
+        ("--base <", "rig", "interaxial"),
+        ("--pupil <", "rig", "pupil"),
+        ("--focal-length <", "camera", "focal_length"),
+        ("--magnification <", "screen", "magnification"),
+        ("--viewing-distance <", "screen", "viewing_distance"),
+        ("--eyes <", "screen", "interocular"),
+        ("--near <", "plan", "near"),
+        ("--far <", "plan", "far"),
+        ("--background <", "plan", "background"),
+        ("--rule <", "plan", "rule"),
+        ("--mode <", "plan", "mode"),
+    ] {
+        let said = even
+            .split_once(flag)
+            .and_then(|(_, rest)| rest.split_once("[default: "))
+            .and_then(|(_, rest)| rest.split_once(']'))
+            .unwrap_or_else(|| panic!("{flag} names no default: {page}"))
+            .0;
+        let default = settings["settings"][section][key]["default"]
+            .as_str()
+            .unwrap_or_else(|| panic!("{section}.{key} has no default"));
+        assert_eq!(said, default.replace(' ', ""), "{flag}");
+    }
+}
+
 /// A reader that closes the pipe (`vergence config | head -1`) sees no panic and no error.
 #[test]
 #[cfg(unix)]

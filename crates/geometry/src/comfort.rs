@@ -171,15 +171,15 @@ pub enum Rule {
     VerticalParallax(VerticalParallax),
     /// Vertical parallax of toe-in in the picture's corner.
     Keystone(Keystone),
-    /// Side edges of the picture.
+    /// Side edges of the picture. Judges things in a pair; a plan gives it no distance.
     WindowViolation(WindowViolation),
     /// Neighbouring views of an N-view screen.
     AdjacentDisparity(AdjacentDisparity),
     /// Depth magnification over width magnification.
     Roundness(Roundness),
-    /// Seen size near over seen size at the screen.
+    /// Seen size near over seen size at the screen. Judges things in a pair; a plan gives it no distance.
     PuppetTheatre(PuppetTheatre),
-    /// Everything life-size and round.
+    /// Everything life-size and round. A property of rig, screen and viewer; it has no distance.
     Orthostereo(Orthostereo),
 }
 

@@ -363,3 +363,25 @@ fn label_contour(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Shuffled pieces of a closed square and of an open corner become two lines that run through every end.
+    #[test]
+    fn pieces_are_joined_to_whole_lines() {
+        let pieces = [
+            ((0.0, 0.0), (1.0, 0.0)),
+            ((5.0, 5.0), (6.0, 5.0)),
+            ((1.0, 1.0), (0.0, 1.0)),
+            ((1.0, 1.0), (1.0, 0.0)),
+            ((6.0, 6.0), (6.0, 5.0)),
+            ((0.0, 1.0), (0.0, 0.0)),
+        ];
+        let lines = joined(&pieces);
+        assert_eq!(lines.iter().map(Vec::len).collect::<Vec<_>>(), [5, 3]);
+        assert_eq!(lines[0].first(), lines[0].last());
+        assert_eq!(lines[1], [(5.0, 5.0), (6.0, 5.0), (6.0, 6.0)]);
+    }
+}

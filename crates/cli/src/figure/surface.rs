@@ -310,3 +310,28 @@ impl View {
         )
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A line cuts a square into two parts whose areas, by the shoelace formula, are those of plane geometry.
+    #[test]
+    fn a_cut_parts_a_cell_in_two() {
+        let square = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
+        let area = |part: &[(f64, f64)]| {
+            let turn = |k: usize| {
+                let (a, b) = (part[k], part[(k + 1) % part.len()]);
+                0.5 * (a.0 * b.1 - b.0 * a.1)
+            };
+            (0..part.len()).map(turn).sum::<f64>()
+        };
+        // Below x + y = 1/2 lies a triangle of 1/8.
+        let below = |sign: f64| cut(&square, |(x, y)| sign * (0.5 - x - y));
+        assert_eq!((below(1.0).len(), below(-1.0).len()), (3, 5));
+        assert!((area(&below(1.0)) - 0.125).abs() < 1e-15);
+        assert!((area(&below(-1.0)) - 0.875).abs() < 1e-15);
+        assert!(cut(&square, |_| -1.0).is_empty());
+        assert_eq!(cut(&square, |_| 1.0), square);
+    }
+}

@@ -39,6 +39,7 @@ pub(super) fn of(question: &Question, report: &Report) -> anyhow::Result<Vec<War
     warn("keystone", keystone(report));
     warn("background", background(report));
     warn("divergence", divergence(question, report));
+    warn("window", window(question));
     warn("crop", crop(report));
     warn("cardboard", cardboard(report));
     warn("orthostereo", orthostereo(&question.setup));
@@ -157,6 +158,14 @@ fn divergence(question: &Question, report: &Report) -> Option<String> {
         worst.background.p_m * 1e3,
         eyes * 1e3
     ))
+}
+
+fn window(question: &Question) -> Option<String> {
+    (question.modes == [ModeKind::Parallel]).then(|| {
+        "Unshifted parallel pictures put everything in front of the screen: whatever touches a side edge is cut off by a window that seems \
+         to lie behind it. Shifting or converging puts the window at the target."
+            .to_owned()
+    })
 }
 
 fn crop(report: &Report) -> Option<String> {
