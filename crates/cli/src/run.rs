@@ -1,18 +1,21 @@
 //! `vergence run`: hold a walking person at zero parallax, on the simulated rig or on real footage.
 
 mod build;
+mod check;
 mod feed;
 mod folder;
 mod panel;
 mod plot;
 mod record;
 mod report;
+mod rest;
 mod sample;
 mod session;
 mod shown;
 mod statistics;
 mod still;
 mod summary;
+mod view;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -30,14 +33,16 @@ Run the loop: two cameras look, the target is found and followed, its distance i
 motors (pan, tilt, left and right vergence) keep both cameras on it.
 
 Without flags: the simulated rig (the twin) in real time. A person walks from 10 m to 1 m towards two cameras of 1024x768 at 30 fps; in mode \
-auto the axes stay parallel beyond the planner's threshold (seen depth, 5 %: 6.65 to 7.35 m) and converge nearer than it. \
-A live line shows the distance, the vergence angle, the parallax, the mode, the frame rate and the latency.
+auto the axes stay parallel beyond the planner's threshold by plan.rule (seen depth: 6.65 to 7.35 m on the default rig) and converge nearer than it. \
+A live line shows time, state, distance, vergence angle, parallax (+ behind the screen), mode, frame rate and latency.
 
 With --source files: the same loop on a recorded pair, from folders of pictures or from videos (through the ffmpeg program), with the rig's calibration. Those \
-cameras cannot move, so vergence is electronic: each picture is turned by the homography by which a motor would have turned the camera.
+cameras cannot move, so vergence is electronic: each picture is turned by the homography by which a motor would have turned the camera, \
+and angles, disparity and parallax are those of the turned pair.
 
 The run leaves a folder RUNS/<UTC time>/ with summary.json, frames.csv (one row per frame), plot.svg and plot.png, target_left.png and target_right.png (the \
-target with its distance drawn in), and a short sample of the pair side by side and red–cyan (AVI, PNG).";
+target with its distance drawn in, and that distance checked against the calibration), for recorded pairs converged_left.png and converged_right.png, and a short \
+sample of the pair side by side and red–cyan (AVI, PNG). However a run ends, the axes stop within their limits and park.";
 
 const AFTER: &str = "\
 Examples:
@@ -145,7 +150,7 @@ pub(crate) fn run(global: &Global, args: &RunArgs) -> anyhow::Result<()> {
         Format::Json => output::print_json(&outcome.summary)?,
     }
     output::say(&format!("wrote {}", outcome.folder.display()));
-    Ok(())
+    outcome.failure.map_or(Ok(()), Err)
 }
 
 /// A flag that Ctrl-C and SIGTERM set; a second one ends the program at once.

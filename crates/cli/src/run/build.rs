@@ -1,6 +1,6 @@
 //! From flags and settings to a source, a loop and a plan; everything that can be refused is refused here.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use vergence_calib::RigCalibration;
 use vergence_capture::{FilesConfig, FilesSource, OnFault, TwinSource};
@@ -9,7 +9,7 @@ use vergence_geometry::comfort::Rule;
 use vergence_geometry::planning::{self, Setup};
 use vergence_geometry::{Screen, Viewer};
 use vergence_servo::{Motors, Rigging, Servo, ServoSettings};
-use vergence_track::{FollowSettings, PixelBox, Posture, check_box};
+use vergence_track::{FollowSettings, PixelBox, Posture, TrackError, check_box};
 
 use crate::fault::{self, Fault};
 use crate::settings::Settings;
@@ -17,10 +17,8 @@ use crate::settings::quantity::Dimension;
 
 use super::feed::Feed;
 use super::session::Plan;
+use super::view::Screening;
 use super::{RunArgs, SourceKind};
-
-/// The far edge of `auto` over the near one, at least: between them nothing changes.
-const LEAST_BAND: f64 = 1.02;
 
 /// Ready to run.
 pub(crate) struct Built {
@@ -43,6 +41,7 @@ pub(crate) fn from_args(args: &RunArgs, settings: &Settings) -> anyhow::Result<B
         Feed::Files(f) => setup.sensor.width_m / f.calibration().cameras[0].intrinsics.width as f64,
     };
     let plan = Plan {
+        source: source_name(args, &feed),
         real_time: !args.fast,
         headless: args.headless,
         seconds: settings.number_or_auto("run.seconds"),
@@ -54,11 +53,18 @@ pub(crate) fn from_args(args: &RunArgs, settings: &Settings) -> anyhow::Result<B
         }
         .to_owned(),
         seed: twin.then(|| settings.number("run.seed") as u64),
-        pitch_m,
-        screen: Screen {
-            magnification: setup.screen.magnification,
+        repeatable: !twin
+            && ![&args.left, &args.right]
+                .into_iter()
+                .flatten()
+                .any(|path| is_url(path)),
+        screening: Screening {
+            pitch_m,
+            screen: Screen {
+                magnification: setup.screen.magnification,
+            },
+            viewer: Viewer { ..setup.viewer },
         },
-        viewer: Viewer { ..setup.viewer },
     };
     Ok(Built { feed, servo, plan })
 }
@@ -84,13 +90,15 @@ fn twin(
     }
     let config = crate::twin::config(settings)?;
     let camera = config.cameras[0].camera;
-    let (geometry, head) = (config.geometry, config.head);
+    let (geometry, head, fps) = (config.geometry, config.head, config.fps);
     check_target(target, &camera)?;
     let source = TwinSource::new(config).map_err(|e| fault::usage(e.to_string()))?;
     let control = ControlSettings {
         focal_px: camera.intrinsics.fx,
         backlash_rad: head.backlash_rad(),
         mode: mode_settings(settings, setup)?,
+        // Half a frame, as its documentation asks for.
+        lead_s: (0.5 / fps).min(0.5),
         ..ControlSettings::default()
     };
     let backlash = control.backlash_rad;
@@ -105,11 +113,49 @@ fn twin(
             target,
             ..ServoSettings::default()
         },
-    )?;
+    )
+    .map_err(|e| fault::usage(e.to_string()))?;
     Ok((feed, servo))
 }
 
-/// The mode that was asked for; for `auto` with the distances between which this rig, this screen and the default rule change over.
+/// What a person calls the source: files by their names, without the folders they lie in, since a summary is passed on.
+fn source_name(args: &RunArgs, feed: &Feed) -> String {
+    let (Some(left), Some(right)) = (&args.left, &args.right) else {
+        return feed.info().name.clone();
+    };
+    let names = [1, 2].map(|parts| [left, right].map(|path| last_parts(path, parts)));
+    // Two folders may hold files of one name.
+    let [left, right] = if names[0][0] == names[0][1] {
+        &names[1]
+    } else {
+        &names[0]
+    };
+    format!("files {left} and {right}")
+}
+
+/// The last parts of a path or URL; of a URL without what may be secret: user, password, query.
+fn last_parts(path: &Path, count: usize) -> String {
+    let text = path.to_string_lossy();
+    let text = if is_url(path) {
+        text.split(['?', '#']).next().unwrap_or_default()
+    } else {
+        &text
+    };
+    let address = text.rsplit('@').next().filter(|_| is_url(path));
+    let parts: Vec<&str> = address
+        .unwrap_or(text)
+        .split(['/', '\\'])
+        .filter(|part| !part.is_empty())
+        .collect();
+    parts[parts.len().saturating_sub(count)..].join("/")
+}
+
+fn is_url(path: &Path) -> bool {
+    path.to_string_lossy().contains("://")
+}
+
+/// The mode that was asked for; for `auto` with the distances between which this rig and this screen change over by the rule of the
+/// settings.
 fn mode_settings(settings: &Settings, setup: &Setup) -> anyhow::Result<ModeSettings> {
     let request = match settings.word("run.mode") {
         "parallel" => ModeRequest::Parallel,
@@ -117,21 +163,33 @@ fn mode_settings(settings: &Settings, setup: &Setup) -> anyhow::Result<ModeSetti
         "shifted" => ModeRequest::Shifted,
         _ => ModeRequest::Auto,
     };
-    let rule = Rule::default();
-    let found = planning::thresholds(setup, &rule).map_err(|e| fault::usage(e.to_string()))?;
     let mut mode = ModeSettings {
         request,
         ..ModeSettings::default()
     };
-    if let Some(near_m) = found.converged_stops_mattering_m {
-        let far_m = found.indistinguishable_from_m.unwrap_or(near_m);
-        mode.threshold = AutoThreshold {
-            near_m,
-            far_m: far_m.max(near_m * LEAST_BAND),
-            rule: format!("{} 5 %", rule.info().name),
-        };
+    if request == ModeRequest::Auto {
+        mode.threshold = auto_threshold(settings.word("plan.rule"), setup)?;
     }
     Ok(mode)
+}
+
+/// Where `auto` changes over by the rule `id`.
+fn auto_threshold(id: &str, setup: &Setup) -> Result<AutoThreshold, Fault> {
+    let rule = Rule::by_id(id).ok_or_else(|| fault::usage(format!("there is no rule '{id}'")))?;
+    let name = rule.info().name;
+    let found = planning::auto_switch(setup, &rule).map_err(|e| fault::usage(e.to_string()))?;
+    let found = found.filter(|f| f.near_m > 0.0 && f.far_m.is_finite());
+    let Some(found) = found else {
+        return Err(fault::usage(format!(
+            "mode auto has no distance at which to change over: rule {name} gives none for this rig and screen"
+        ))
+        .hint("choose --mode converged, shifted or parallel, or another plan.rule"));
+    };
+    Ok(AutoThreshold {
+        near_m: found.near_m,
+        far_m: found.far_m,
+        rule: name.to_owned(),
+    })
 }
 
 fn files(args: &RunArgs, target: Option<PixelBox>) -> anyhow::Result<(Feed, Servo)> {
@@ -187,7 +245,8 @@ fn files(args: &RunArgs, target: Option<PixelBox>) -> anyhow::Result<(Feed, Serv
             },
             ..ServoSettings::default()
         },
-    )?;
+    )
+    .map_err(|e| fault::usage(e.to_string()))?;
     Ok((feed, servo))
 }
 
@@ -244,11 +303,22 @@ fn box_from_text(text: &str) -> Result<PixelBox, Fault> {
 
 fn check_target(target: Option<PixelBox>, camera: &vergence_geometry::Camera) -> Result<(), Fault> {
     let k = &camera.intrinsics;
-    match target {
-        None => Ok(()),
-        Some(target) => check_box(&target, k.width, k.height)
-            .map_err(|e| fault::usage(format!("--target: {e}"))),
-    }
+    let Some(target) = target else {
+        return Ok(());
+    };
+    let PixelBox { x, y, w, h } = target;
+    check_box(&target, k.width, k.height).map_err(|error| {
+        let why = match error {
+            TrackError::BoxOutside { width, height, .. } => format!(
+                "lies outside the left picture of {width} x {height} pixels: at least half of it must be inside"
+            ),
+            TrackError::BoxTooSmall { min_w, min_h, .. } => {
+                format!("is too small to be followed: at least {min_w} x {min_h} pixels are needed")
+            }
+            other => format!("cannot be followed: {other}"),
+        };
+        fault::usage(format!("--target {x},{y},{w},{h} {why}"))
+    })
 }
 
 #[cfg(test)]
@@ -278,5 +348,37 @@ mod tests {
         ] {
             assert!(box_from_text(bad).is_err(), "{bad}");
         }
+    }
+
+    /// A summary names files, not the folders of a machine nor the secrets of an address; names that are equal get their folder.
+    #[test]
+    fn sources_are_named_without_their_folders() {
+        let name = |path: &str, parts| last_parts(Path::new(path), parts);
+        assert_eq!(name("/home/someone/a/left_*.jpg", 1), "left_*.jpg");
+        assert_eq!(name("/home/someone/left/", 1), "left");
+        assert_eq!(name("/home/someone/left/x.mp4", 2), "left/x.mp4");
+        let url = "rtsp://user:secret@10.0.0.7/cam1?token=abc";
+        assert_eq!(name(url, 1), "cam1");
+        assert_eq!(name(url, 2), "10.0.0.7/cam1");
+        assert!(is_url(Path::new(url)) && !is_url(Path::new("/a/b.mp4")));
+    }
+
+    /// `auto` changes over where the rule of the settings says, and says which; a rule without such a distance is refused.
+    #[test]
+    fn auto_follows_the_chosen_rule() {
+        let setup = Setup::default();
+        let depth = auto_threshold("seen-depth", &setup).unwrap();
+        assert!((depth.near_m - 6.65).abs() < 0.01, "{depth:?}");
+        assert!((depth.far_m - 7.35).abs() < 0.01, "{depth:?}");
+        let percent = auto_threshold("percent-1-30", &setup).unwrap();
+        let rule = Rule::by_id("percent-1-30").unwrap();
+        let planned = planning::thresholds(&setup, &rule).unwrap();
+        assert_eq!(Some(percent.near_m), planned.parallel_fusible_from_m);
+        assert!(
+            percent.far_m < 4.0 && percent.rule != depth.rule,
+            "{percent:?}"
+        );
+        assert!(auto_threshold("window-violation", &setup).is_err());
+        assert!(auto_threshold("no-such-rule", &setup).is_err());
     }
 }

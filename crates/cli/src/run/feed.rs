@@ -1,11 +1,14 @@
 //! Where a run's pairs come from, with the truth where there is one.
 
-use nalgebra::Point3;
-use vergence_capture::{FilesSource, Source, SourceInfo, StereoFrame, TwinSource};
+use vergence_capture::{
+    Clock as _, FilesSource, SimulatedClock, Source, SourceInfo, StereoFrame, TwinSource,
+};
+use vergence_control::{AxisName, ControlSettings};
 use vergence_geometry::Eye;
-use vergence_servo::Step;
+use vergence_servo::{Servo, Step};
 
 use super::record::Truth;
+use super::rest::{Rest, bring_to_rest};
 
 /// The source of a run.
 pub(crate) enum Feed {
@@ -46,34 +49,42 @@ impl Feed {
         }
     }
 
+    /// Stop all axes and park; `None` for cameras that do not move. The simulated axes take the time that they need on the run's
+    /// clock; nobody waits for it.
+    pub(crate) fn bring_to_rest(&self, servo: &mut Servo) -> Option<Rest> {
+        let Feed::Twin(twin) = self else {
+            return None;
+        };
+        let head = twin.head();
+        let mut now_s = 0.0_f64;
+        for axis in AxisName::ALL {
+            now_s = now_s.max(head.with_axis(axis, |a| a.newest_s()));
+        }
+        // What an axis refuses here it refuses below as well, where it is told.
+        let _ = servo.hold(now_s);
+        let mut clock = SimulatedClock::new();
+        clock.sleep_until(now_s);
+        let settings = ControlSettings::default();
+        Some(bring_to_rest(&mut head.axes(), &mut clock, &settings))
+    }
+
     /// The truth of one step; `None` for real footage, or when the twin is empty.
-    pub(crate) fn truth_of(&self, step: &Step, shift_px: [f64; 2]) -> Option<Truth> {
+    pub(crate) fn truth_of(&self, step: &Step) -> Option<Truth> {
         let Feed::Twin(twin) = self else {
             return None;
         };
         let truth = twin.truth_at(step.index)?;
         let target = (truth.target_in_base[0]? + truth.target_in_base[1]?.coords) / 2.0;
-        let disparity_px = truth.disparity_px();
         let angles = [0, 1].map(|eye| truth.angles[eye].to_array());
         Some(Truth {
             target_in_base: target.into(),
             occluded: truth.occluded,
             angles_rad: std::array::from_fn(|axis| (angles[0][axis] + angles[1][axis]) / 2.0),
-            left_px: left_px(twin, truth),
-            disparity_px,
-            shown_disparity_px: disparity_px.map(|d| d + shift_px[0] - shift_px[1]),
+            left_px: truth.target_px[Eye::Left as usize].map(Into::into),
+            disparity_px: truth.disparity_px(),
             pointing_px: pointing_px(twin, truth),
         })
     }
-}
-
-/// Where the reference point appears in the left picture, lens distortion and all.
-fn left_px(twin: &TwinSource, truth: &vergence_capture::TwinTruth) -> Option<[f64; 2]> {
-    let camera = &twin.info().cameras[Eye::Left as usize];
-    let k = &camera.intrinsics;
-    let ideal = truth.target_undistorted_px[Eye::Left as usize]?;
-    let ray = Point3::new((ideal.x - k.cx) / k.fx, (ideal.y - k.cy) / k.fy, 1.0);
-    camera.project(&ray).map(Into::into)
 }
 
 /// Distance of the reference point from the principal point (where the optical axis meets the picture), mean of both eyes,

@@ -21,7 +21,8 @@ pub(crate) struct RunFolder {
     whole: PathBuf,
     rows: BufWriter<File>,
     count: u64,
-    finished: bool,
+    /// Leave the folder as it is when this is dropped.
+    kept: bool,
 }
 
 impl RunFolder {
@@ -67,7 +68,7 @@ impl RunFolder {
             whole,
             rows: BufWriter::new(file),
             count: 0,
-            finished: false,
+            kept: false,
         };
         folder.line(HEADER)?;
         Ok(folder)
@@ -76,6 +77,11 @@ impl RunFolder {
     /// Where files are written until the run is whole.
     pub(crate) fn path(&self) -> &Path {
         &self.partial
+    }
+
+    /// From now on the folder stays whatever happens: what it holds cannot be had again.
+    pub(crate) fn keep(&mut self) {
+        self.kept = true;
     }
 
     /// Append one row to frames.csv.
@@ -109,15 +115,16 @@ impl RunFolder {
                 self.whole.display()
             ))
         })?;
-        self.finished = true;
+        self.kept = true;
         Ok(self.whole.clone())
     }
 }
 
 impl Drop for RunFolder {
-    /// A run that failed leaves nothing half-written. (One that was killed leaves its `.partial` folder with the rows so far.)
+    /// A run that failed and can be repeated leaves nothing half-written. (One that was killed leaves its `.partial` folder with the
+    /// rows so far.)
     fn drop(&mut self) {
-        if !self.finished {
+        if !self.kept {
             // Best effort: the error that brought us here is the one to tell.
             let _ = fs::remove_dir_all(&self.partial);
         }
@@ -182,6 +189,13 @@ mod tests {
         }
         assert_ne!(names[0], names[1]);
         let text = fs::read_to_string(names[1].join("frames.csv")).unwrap();
+        assert_eq!(text.lines().count(), 2);
+        let mut kept = RunFolder::create(out.path()).unwrap();
+        kept.row(&Row::default()).unwrap();
+        kept.keep();
+        let partial = kept.path().to_owned();
+        drop(kept);
+        let text = fs::read_to_string(partial.join("frames.csv")).unwrap();
         assert_eq!(text.lines().count(), 2);
     }
 }

@@ -2,14 +2,24 @@
 
 use std::io::{IsTerminal as _, Write as _, stderr};
 
-use super::record::Row;
+use super::record::{Row, word};
 
 /// Frames between two lines.
 const EVERY: u64 = 3;
 
+/// Longest line, columns: a terminal of 80 keeps its cursor on the same row.
+const COLUMNS: usize = 79;
+
+/// Terminals' words for: do not wrap, wrap again, clear to the end of the line.
+const NO_WRAP: &str = "\x1b[?7l";
+const WRAP: &str = "\x1b[?7h";
+const CLEAR_REST: &str = "\x1b[K";
+
 /// The live line.
 pub(crate) struct Panel {
     live: bool,
+    /// Whether a line stands on the terminal.
+    shown: bool,
     rate: Rate,
 }
 
@@ -25,6 +35,7 @@ impl Panel {
     pub(crate) fn new(headless: bool) -> Self {
         Self {
             live: !headless && stderr().is_terminal(),
+            shown: false,
             rate: Rate::default(),
         }
     }
@@ -34,17 +45,27 @@ impl Panel {
         self.rate.tick(wall_s);
         if self.live && row.index.is_multiple_of(EVERY) {
             let line = line_from_row(row, self.rate.fps, latency_s);
-            // A line that cannot be shown is no reason to stop.
-            let _ = write!(stderr(), "\r{line}\x1b[K");
+            // Without wrapping a narrower terminal cuts the line instead of scrolling. A line that cannot be shown is no reason to
+            // stop.
+            let _ = write!(stderr(), "\r{NO_WRAP}{line}{CLEAR_REST}{WRAP}");
             let _ = stderr().flush();
+            self.shown = true;
         }
     }
 
     /// Take the line away.
-    pub(crate) fn clear(&self) {
-        if self.live {
-            let _ = write!(stderr(), "\r\x1b[K");
+    pub(crate) fn clear(&mut self) {
+        if std::mem::take(&mut self.shown) {
+            let _ = write!(stderr(), "\r{CLEAR_REST}");
+            let _ = stderr().flush();
         }
+    }
+}
+
+impl Drop for Panel {
+    /// Also a run that fails leaves no half line behind its error.
+    fn drop(&mut self) {
+        self.clear();
     }
 }
 
@@ -62,40 +83,92 @@ impl Rate {
     }
 }
 
+/// Time, state, distance, vergence angle, parallax of the target on the screen (+ behind) in pixels and arc minutes, mode,
+/// frames a second, latency.
 fn line_from_row(row: &Row, fps: f64, latency_s: f64) -> String {
-    let vergence = (row.counter_rad[2] - row.counter_rad[3]).to_degrees();
     let number = |value: Option<f64>, decimals: usize, width: usize| {
         value.map_or_else(
             || format!("{:>width$}", "–"),
-            |v| format!("{v:width$.decimals$}"),
+            |v| {
+                let unit = 10_f64.powi(decimals as i32);
+                // Adding zero takes the sign from what rounds to it.
+                let v = (v * unit).round() / unit + 0.0;
+                format!("{v:width$.decimals$}")
+            },
         )
     };
-    let shown = row
-        .truth
-        .and_then(|t| t.shown_disparity_px)
-        .or_else(|| row.measured.and_then(|m| m.disparity_px));
-    format!(
-        "{:6.2} s  {:<9}  target {} m  vergence {vergence:5.2}°  parallax {} px {}′  {:<9}  {fps:5.1} fps  {:4.1} ms",
+    let line = format!(
+        "{:5.0} s {:<9}{} m verg {:5.2}° {} px {}′ {:<9} {fps:3.0} fps{:3.0} ms",
         row.capture_s,
-        row.state,
-        number(row.distance_m(), 2, 5),
+        word(&row.state),
+        number(row.distance_m(), 2, 6),
+        row.vergence_rad().to_degrees(),
         // On the screen, behind is positive: the opposite of disparity.
-        number(shown.map(|d| -d), 1, 6),
-        number(row.parallax_arcmin.map(|a| -a), 1, 6),
-        row.mode,
+        number(row.shown_px.map(|d| -d), 1, 6),
+        number(row.parallax_arcmin, 1, 6),
+        row.mode.name(),
         latency_s * 1e3,
-    )
+    );
+    line.chars().take(COLUMNS).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::run::record::Estimate;
+    use vergence_control::RunningMode;
+    use vergence_track::FollowState;
 
-    /// A row about which nothing is known still makes a line that fits a terminal of 120 columns.
+    fn full_row() -> Row {
+        Row {
+            capture_s: 1234.56,
+            state: FollowState::Searching,
+            mode: RunningMode::Converged,
+            estimate: Some(Estimate {
+                position_m: [0.0, 0.0, 10.25],
+                velocity_m_s: [0.0; 3],
+                sigma_m: 0.1,
+                update: None,
+            }),
+            angles_rad: [0.0, 0.0, 0.1, -0.1],
+            shown_px: Some(123.44),
+            parallax_arcmin: Some(-131.26),
+            ..Row::default()
+        }
+    }
+
+    /// The longest words and numbers that a run has fit a terminal of 80 columns, whole; a row about which nothing is known too.
     #[test]
-    fn a_line_fits_a_terminal() {
-        let line = line_from_row(&Row::default(), 30.0, 0.025);
-        assert!(line.chars().count() <= 120, "{line}");
-        assert!(line.contains('–'));
+    fn a_line_fits_a_terminal_of_80_columns() {
+        let line = line_from_row(&full_row(), 30.2, 0.0264);
+        assert!(line.chars().count() <= COLUMNS, "{line}");
+        for part in [
+            "1235 s",
+            "searching",
+            "10.25 m",
+            "11.46°",
+            "-123.4 px",
+            "-131.3′",
+            "converged",
+            "30 fps",
+            "26 ms",
+        ] {
+            assert!(line.contains(part), "{part} in {line}");
+        }
+        assert!(line.ends_with("26 ms"), "{line}");
+        let empty = line_from_row(&Row::default(), 0.0, 0.0);
+        assert!(empty.chars().count() <= COLUMNS && empty.contains('–'));
+        let still = Row {
+            shown_px: Some(0.01),
+            ..full_row()
+        };
+        let line = line_from_row(&still, 30.0, 0.02);
+        assert!(line.contains("  0.0 px"), "{line}");
+        // Nothing makes it longer: what does not fit is cut.
+        let day = Row {
+            capture_s: 1e9,
+            ..full_row()
+        };
+        assert_eq!(line_from_row(&day, 1e6, 1e3).chars().count(), COLUMNS);
     }
 }

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::rest::Rest;
 use super::session::Outcome;
 use super::statistics::Spread;
 use super::summary::Summary;
@@ -21,7 +22,7 @@ pub(crate) fn text_of(outcome: &Outcome) -> String {
         line("vergence error", &format!("{} {meaning}", spread(&error)));
     }
     if let Some(parallax) = s.parallax_px {
-        let meaning = "px of disparity as shown, all modes";
+        let meaning = "px of disparity of the target as shown";
         line("parallax", &format!("{} {meaning}", spread(&parallax)));
     }
     if let Some(error) = s.pointing_error_px {
@@ -37,11 +38,17 @@ pub(crate) fn text_of(outcome: &Outcome) -> String {
             &format!("{:.3} m RMS, {percent:.2} % of the distance", range.rms_m),
         );
     }
+    if let Some(error) = s.epipolar_error_px {
+        let meaning = "px between the target's pixels and their epipolar line";
+        line("calibration", &format!("{} {meaning}", spread(&error)));
+    }
     if let Some(nis) = s.filter.nis_mean {
-        let updates = s.filter.updates;
+        let (updates, rejected) = (s.filter.updates, s.filter.rejected);
         line(
             "filter",
-            &format!("mean NIS {nis:.2} over {updates} updates (3 when consistent)"),
+            &format!(
+                "mean NIS {nis:.2} per degree of freedom (1 when consistent) over {updates} updates, {rejected} rejected"
+            ),
         );
     }
     for change in &s.mode_changes {
@@ -65,7 +72,7 @@ pub(crate) fn text_of(outcome: &Outcome) -> String {
         let stages: Vec<String> = s
             .stage_ms
             .iter()
-            .filter(|(name, _)| *name != "loop")
+            .filter(|(name, _)| **name != "loop")
             .map(|(name, q)| format!("{name} {:.1}", q.p50))
             .collect();
         line(
@@ -73,7 +80,12 @@ pub(crate) fn text_of(outcome: &Outcome) -> String {
             &format!("{:.1} ms a pair ({})", total.p50, stages.join(", ")),
         );
     }
-    line("limit violations", &s.limit_violations.to_string());
+    if let Some(rest) = &s.rest {
+        line("axes", &axes(s.limit_violations, rest));
+    }
+    if let Some(failed) = &s.failed {
+        line("failed", failed);
+    }
     out
 }
 
@@ -98,6 +110,20 @@ fn run(s: &Summary) -> String {
     }
     if s.interrupted {
         text.push_str(", interrupted");
+    }
+    text
+}
+
+fn axes(violations: u64, rest: &Rest) -> String {
+    let mut text = format!("{violations} limit violations; ");
+    text.push_str(match (rest.stopped, rest.parked) {
+        (true, true) => "stopped and parked",
+        (true, false) => "stopped, not parked",
+        _ => "NOT all stopped",
+    });
+    let _ = write!(text, " {:.1} s after the last setpoint", rest.seconds);
+    for fault in &rest.faults {
+        let _ = write!(text, "; {fault}");
     }
     text
 }

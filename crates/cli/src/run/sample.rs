@@ -1,9 +1,8 @@
-//! What one can look at after a run: short films of the pair, and stills with the target marked.
+//! What one can look at after a run: short films of the pair.
 
 use std::path::Path;
 
 use vergence_imaging::avi::Film;
-use vergence_imaging::files::write_rgb;
 use vergence_imaging::{Plane, Rgb};
 use vergence_stereo::compose::{Anaglyph, Composition, Layout};
 
@@ -16,16 +15,42 @@ const FILM_FPS: f64 = 10.0;
 /// Widest picture of one eye in a film, pixels.
 const WIDEST: usize = 512;
 
+/// Names of the films and of the stills beside them.
+pub(crate) const LAYOUTS: [(&str, Layout); 2] = [
+    ("sample_side_by_side", Layout::SideBySide),
+    ("sample_red_cyan", Layout::Anaglyph(Anaglyph::Dubois)),
+];
+
 /// Pairs kept from a run, at most [`MOST`], evenly spread over it.
 pub(crate) struct Sample {
     every: u64,
-    kept: Vec<Kept>,
+    kept: Vec<(u64, Small)>,
 }
 
-struct Kept {
-    index: u64,
+/// A pair as shown, reduced to the size of the films.
+pub(crate) struct Small {
     pair: [Rgb; 2],
     shift_px: [f64; 2],
+}
+
+impl Small {
+    /// From a pair as shown with its electronic shift (full-size pixels).
+    pub(crate) fn of(pair: [&Rgb; 2], shift_px: [f64; 2]) -> Self {
+        let factor = pair[0].width().div_ceil(WIDEST).max(1);
+        Self {
+            pair: pair.map(|p| shrunk(p, factor)),
+            shift_px: shift_px.map(|s| s / factor as f64),
+        }
+    }
+
+    /// Both pictures in one.
+    pub(crate) fn composed(&self, layout: Layout) -> anyhow::Result<Rgb> {
+        let composition = Composition {
+            layout,
+            shift_px: self.shift_px,
+        };
+        Ok(composition.compose(&self.pair[0], &self.pair[1])?)
+    }
 }
 
 impl Sample {
@@ -42,50 +67,29 @@ impl Sample {
         index.is_multiple_of(self.every)
     }
 
-    /// Keep a pair that is wanted, with the electronic shift under which it is shown (full-size pixels).
-    pub(crate) fn keep(&mut self, index: u64, pair: [&Rgb; 2], shift_px: [f64; 2]) {
-        let factor = pair[0].width().div_ceil(WIDEST).max(1);
-        self.kept.push(Kept {
-            index,
-            pair: pair.map(|p| shrunk(p, factor)),
-            shift_px: shift_px.map(|s| s / factor as f64),
-        });
+    /// Keep a pair that is wanted.
+    pub(crate) fn keep(&mut self, index: u64, pair: Small) {
+        self.kept.push((index, pair));
         if self.kept.len() > MOST {
             // The run is longer than thought: every other one goes, and from now on twice as few come.
             self.every *= 2;
             let every = self.every;
-            self.kept.retain(|k| k.index.is_multiple_of(every));
+            self.kept.retain(|(index, _)| index.is_multiple_of(every));
         }
     }
 
-    /// Write `sample_side_by_side.avi`, `sample_red_cyan.avi` and a still of each from the middle; nothing when no pair
-    /// was kept.
+    /// Write `sample_side_by_side.avi` and `sample_red_cyan.avi`; nothing when no pair was kept.
     pub(crate) fn write(&self, folder: &Path) -> anyhow::Result<()> {
-        for (name, layout) in [
-            ("sample_side_by_side", Layout::SideBySide),
-            ("sample_red_cyan", Layout::Anaglyph(Anaglyph::Dubois)),
-        ] {
-            self.write_as(folder, name, layout)?;
-        }
-        Ok(())
-    }
-
-    fn write_as(&self, folder: &Path, name: &str, layout: Layout) -> anyhow::Result<()> {
-        let mut film: Option<Film> = None;
-        for (i, kept) in self.kept.iter().enumerate() {
-            let composition = Composition {
-                layout,
-                shift_px: kept.shift_px,
-            };
-            let picture = composition.compose(&kept.pair[0], &kept.pair[1])?;
-            if i == self.kept.len() / 2 {
-                write_rgb(&folder.join(format!("{name}.png")), &picture)?;
+        for (name, layout) in LAYOUTS {
+            let mut film: Option<Film> = None;
+            for (_, kept) in &self.kept {
+                let picture = kept.composed(layout)?;
+                film.get_or_insert_with(|| Film::new(picture.size(), FILM_FPS))
+                    .push(&picture)?;
             }
-            film.get_or_insert_with(|| Film::new(picture.size(), FILM_FPS))
-                .push(&picture)?;
-        }
-        if let Some(film) = film {
-            film.write(&folder.join(format!("{name}.avi")))?;
+            if let Some(film) = film {
+                film.write(&folder.join(format!("{name}.avi")))?;
+            }
         }
         Ok(())
     }
@@ -125,15 +129,11 @@ mod tests {
         let mut sample = Sample::new(1);
         for index in 0..1000 {
             if sample.wants(index) {
-                sample.keep(index, [&picture, &picture], [0.0; 2]);
+                sample.keep(index, Small::of([&picture, &picture], [0.0; 2]));
             }
         }
         assert!(sample.kept.len() <= MOST && sample.kept.len() > MOST / 2 - 1);
-        let gaps: Vec<u64> = sample
-            .kept
-            .windows(2)
-            .map(|w| w[1].index - w[0].index)
-            .collect();
+        let gaps: Vec<u64> = sample.kept.windows(2).map(|w| w[1].0 - w[0].0).collect();
         assert!(gaps.iter().all(|g| *g == gaps[0]), "{gaps:?}");
     }
 

@@ -1,28 +1,31 @@
-//! One run from the first pair to the last: the loop, its pace, its records.
+//! One run from the first pair to the last: the loop, its pace, its records, and how it ends.
 
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use vergence_capture::{Clock as _, RealClock, StereoFrame};
-use vergence_control::AxisCommand;
-use vergence_geometry::{Screen, Viewer};
 use vergence_servo::{Servo, Stage, Step, Stopwatch};
 
 use super::feed::Feed;
 use super::folder::RunFolder;
 use super::panel::Panel;
-use super::record::{Estimate, Measured, Row};
-use super::sample::Sample;
-use super::still::Still;
-use super::summary::{Facts, ModeChange, Summary, Wall, summary_from_rows};
+use super::plot::Thinned;
+use super::record::Row;
+use super::sample::{Sample, Small};
+use super::shown::Electronic;
+use super::still::{Scene, Still};
+use super::summary::{ActionChange, Facts, MOST_EVENTS, ModeChange, Rows, Summary, Wall};
+use super::view::{Screening, row_from_step};
 
 /// The stated time from the arrival of a pair to its setpoints in a simulated run, s: what the loop takes on two cores with
-/// some to spare. A fixed figure, so that the same seed gives the same bytes on every machine.
+/// some to spare. A fixed figure, so that a run does not depend on how fast the machine is.
 const PROCESSING_S: f64 = 0.010;
 
 /// What a run needs to know beside its source and its loop.
 pub(crate) struct Plan {
+    /// What a person calls the source.
+    pub(crate) source: String,
     /// Wait for the wall clock, frame by frame.
     pub(crate) real_time: bool,
     /// No live line.
@@ -34,19 +37,24 @@ pub(crate) struct Plan {
     /// Name of the mode that was asked for.
     pub(crate) mode: String,
     pub(crate) seed: Option<u64>,
-    /// Pixel pitch of the sensor, for parallax on the screen, m.
-    pub(crate) pitch_m: f64,
-    pub(crate) screen: Screen,
-    pub(crate) viewer: Viewer,
+    /// Whether the same pairs can be had again: then a run that fails leaves nothing behind.
+    pub(crate) repeatable: bool,
+    /// How pixels become parallax on the screen.
+    pub(crate) screening: Screening,
 }
 
-/// What a finished run leaves.
+/// What a run leaves.
 pub(crate) struct Outcome {
     pub(crate) summary: Summary,
     pub(crate) folder: PathBuf,
+    /// Why it ended before its time, when it did.
+    pub(crate) failure: Option<anyhow::Error>,
 }
 
 /// Run until the source ends, the time is over or a person stops it.
+///
+/// However it ends, the axes are stopped and, if time allows, parked. A run that fails leaves its rows and its summary when
+/// its pairs cannot be had again, and nothing when they can.
 pub(crate) fn run(
     mut feed: Feed,
     mut servo: Servo,
@@ -54,11 +62,47 @@ pub(crate) fn run(
     stop: &Arc<AtomicBool>,
 ) -> anyhow::Result<Outcome> {
     // The first pair before the folder: a source that cannot start leaves nothing behind.
-    let mut next = feed.next_pair(None)?;
+    let first = feed.next_pair(None)?;
     let mut folder = RunFolder::create(&plan.out)?;
     let mut log = Log::new(&feed, plan);
+    let ended = follow(
+        &mut feed,
+        &mut servo,
+        first,
+        plan,
+        stop,
+        &mut folder,
+        &mut log,
+    );
+    log.panel.clear();
+    log.facts.rest = feed.bring_to_rest(&mut servo);
+    log.facts.limit_violations = feed.limit_violations();
+    log.facts.dropped_pairs = feed.dropped_pairs();
+    log.facts.interrupted = stop.load(Ordering::Relaxed);
+    match ended {
+        Ok(()) => finish(folder, log, &servo, None),
+        Err(error) if plan.repeatable || log.rows.is_empty() => Err(error),
+        Err(error) => {
+            folder.keep();
+            log.facts.failed = Some(format!("{error:#}"));
+            finish(folder, log, &servo, Some(error))
+        }
+    }
+}
+
+/// Pair after pair, until the end or an error.
+fn follow(
+    feed: &mut Feed,
+    servo: &mut Servo,
+    first: Option<StereoFrame>,
+    plan: &Plan,
+    stop: &Arc<AtomicBool>,
+    folder: &mut RunFolder,
+    log: &mut Log,
+) -> anyhow::Result<()> {
     let mut clock = RealClock::new();
     let mut first_s = None;
+    let mut next = first;
     while let Some(pair) = next.take() {
         let start_s = *first_s.get_or_insert(pair.capture_s());
         let elapsed_s = pair.capture_s() - start_s;
@@ -69,52 +113,42 @@ pub(crate) fn run(
             log.keep_pace(&mut clock, elapsed_s, feed.info().fps);
         }
         let step = servo.step(&pair, pair.arrival_s() + PROCESSING_S)?;
-        folder.row(log.take(&feed, &servo, &pair, &step, plan)?)?;
+        let row = log.take(feed, servo, &pair, step, plan)?;
+        folder.row(&row)?;
+        log.wall.total_s = clock.now_s();
         next = feed.next_pair(Some(pair))?;
     }
-    log.panel.clear();
     log.wall.total_s = clock.now_s();
-    finish(&feed, folder, log, plan, stop.load(Ordering::Relaxed))
+    Ok(())
 }
 
 fn finish(
-    feed: &Feed,
     folder: RunFolder,
     log: Log,
-    plan: &Plan,
-    interrupted: bool,
+    servo: &Servo,
+    failure: Option<anyhow::Error>,
 ) -> anyhow::Result<Outcome> {
-    let summary = summary_from_rows(
-        &log.rows,
-        &log.wall,
-        Facts {
-            source: feed.info().name.clone(),
-            mode: plan.mode.clone(),
-            seed: plan.seed,
-            real_time: plan.real_time,
-            dropped_pairs: feed.dropped_pairs(),
-            interrupted,
-            mode_changes: log.mode_changes,
-            limit_violations: feed.limit_violations(),
-        },
-    );
-    super::plot::draw(&log.rows, &summary).save(folder.path(), "plot")?;
+    let summary = log.rows.summary(&log.wall, log.facts);
+    super::plot::draw(&log.drawn, &summary).save(folder.path(), "plot")?;
     log.sample.write(folder.path())?;
-    log.still.write(folder.path())?;
+    log.still.write(folder.path(), servo.cameras())?;
     let mut json = serde_json::to_string_pretty(&summary)?;
     json.push('\n');
     crate::output::write_file(&folder.path().join("summary.json"), json.as_bytes())?;
     Ok(Outcome {
         summary,
         folder: folder.finish()?,
+        failure,
     })
 }
 
-/// Everything that is kept of a run.
+/// Everything that is kept of a run; bounded however long it is.
 struct Log {
-    rows: Vec<Row>,
+    rows: Rows,
+    drawn: Thinned,
     wall: Wall,
-    mode_changes: Vec<ModeChange>,
+    facts: Facts,
+    electronic: Option<Electronic>,
     sample: Sample,
     still: Still,
     panel: Panel,
@@ -124,17 +158,25 @@ struct Log {
 impl Log {
     fn new(feed: &Feed, plan: &Plan) -> Self {
         let info = feed.info();
-        let fixed = info.fixed_base_from_cam.is_some();
+        let electronic = Electronic::new(info);
         // Three pairs a second of the twin; every pair of footage, which is short or thinned out as it goes on.
-        let every = if fixed {
+        let every = if electronic.is_some() {
             1
         } else {
             (info.fps / 3.0).round() as u64
         };
         Self {
-            rows: Vec::new(),
+            rows: Rows::default(),
+            drawn: Thinned::default(),
             wall: Wall::default(),
-            mode_changes: Vec::new(),
+            facts: Facts {
+                source: plan.source.clone(),
+                mode: plan.mode.clone(),
+                seed: plan.seed,
+                real_time: plan.real_time,
+                ..Facts::default()
+            },
+            electronic,
             sample: Sample::new(every),
             still: Still::new(info.pairs),
             panel: Panel::new(plan.headless),
@@ -155,132 +197,186 @@ impl Log {
         feed: &Feed,
         servo: &Servo,
         pair: &StereoFrame,
-        step: &Step,
+        step: Step,
         plan: &Plan,
-    ) -> anyhow::Result<&Row> {
-        let row = row_from_step(feed, step, plan);
-        let latency_s = (step.arrival_s - step.capture_s) + step.times.total_s();
-        self.wall.latency_s.push(latency_s);
-        for stage in Stage::ALL {
-            let times = self
-                .wall
-                .stages_s
-                .entry(stage.name().to_owned())
-                .or_default();
-            times.push(step.times.of(stage));
-        }
-        let total = self.wall.stages_s.entry("loop".to_owned()).or_default();
-        total.push(step.times.total_s());
-        if let Some(change) = &step.mode_change {
-            self.mode_changes.push(ModeChange {
-                time_s: change.time_s,
-                from: change.from.name().to_owned(),
-                to: change.to.name().to_owned(),
-                reason: change.reason.clone(),
-            });
-        }
-        self.panel.show(&row, self.watch.elapsed_s(), latency_s);
-        if self.sample.wants(pair.index) {
-            let shown = super::shown::pair_as_shown(servo, pair, step, feed)?;
-            self.sample
-                .keep(pair.index, [&shown[0], &shown[1]], row.shift_px);
-        }
-        self.still.offer(pair, step);
-        self.rows.push(row);
-        self.rows.last().ok_or_else(|| anyhow::anyhow!("no row"))
-    }
-}
-
-fn row_from_step(feed: &Feed, step: &Step, plan: &Plan) -> Row {
-    let control = step.control.as_ref();
-    let shift_px = control.map_or([0.0; 2], |c| c.shift_px);
-    let truth = feed.truth_of(step, shift_px);
-    let measured_px = step
-        .measured
-        .map(|m| m.disparity_px + shift_px[0] - shift_px[1]);
-    let shown_px = truth.and_then(|t| t.shown_disparity_px).or(measured_px);
-    let parallax_m = shown_px.map(|d| -d * plan.pitch_m * plan.screen.magnification);
-    Row {
-        index: step.index,
-        capture_s: step.capture_s,
-        arrival_s: step.arrival_s,
-        command_s: step.command_s,
-        state: word(&step.state),
-        reason: word(&step.reason),
-        action: control.map_or_else(String::new, |c| c.state.name().to_owned()),
-        mode: control.map_or_else(|| "converged".to_owned(), |c| c.mode.name().to_owned()),
-        truth,
-        estimate: step.estimate.as_ref().map(|e| Estimate {
-            position_m: e.position_in_base.into(),
-            velocity_m_s: e.velocity_in_base.into(),
-            sigma_m: range_sigma_m(e),
-            nis: step.update.as_ref().and_then(|u| u.nis),
-        }),
-        measured: step.sighting.as_ref().map(|s| Measured {
-            anchor_px: s.anchor_px.into(),
-            confidence: s.confidence,
-            disparity_px: step.measured.map(|m| m.disparity_px),
-            disparity_sigma_px: step.measured.map(|m| m.sigma_px),
-        }),
-        counter_rad: step.angles.to_array(),
-        setpoint_rad: control.and_then(|c| setpoints(&c.commands)),
-        shift_px,
-        nulled: control.map_or(1.0, |c| c.nulling.nulled),
-        focus_m: control.and_then(|c| c.focus_m),
-        parallax_m,
-        parallax_arcmin: parallax_m.map(|p| arcmin_from_parallax(p, &plan.viewer)),
-    }
-}
-
-/// The name of a state as in JSON.
-fn word<T: serde::Serialize>(value: &T) -> String {
-    match serde_json::to_value(value) {
-        Ok(serde_json::Value::String(name)) => name,
-        _ => String::new(),
-    }
-}
-
-fn setpoints(commands: &[AxisCommand; 4]) -> Option<[f64; 4]> {
-    let mut set = [0.0; 4];
-    for (set, command) in set.iter_mut().zip(commands) {
-        let AxisCommand::Follow(setpoint) = command else {
-            return None;
+    ) -> anyhow::Result<Row> {
+        let turned = match &mut self.electronic {
+            Some(electronic) => Some(electronic.turn(&step)?),
+            None => None,
         };
-        *set = setpoint.position_rad;
+        let scene = Scene {
+            agreement: step
+                .measured
+                .as_ref()
+                .and_then(|m| super::check::agreement(servo.cameras(), &step, m)),
+            shift_px: step.control.as_ref().map_or([0.0; 2], |c| c.shift_px),
+            turned,
+            step,
+        };
+        let row = row_from_step(feed.truth_of(&scene.step), &scene, &plan.screening);
+        let latency_s = self.take_times(&scene.step);
+        self.take_events(&scene.step);
+        self.panel.show(&row, self.watch.elapsed_s(), latency_s);
+        self.rows.take(&row);
+        self.drawn.take(&row);
+        self.take_pictures(pair, scene)?;
+        Ok(row)
     }
-    Some(set)
+
+    /// Note the wall times of a step; returns the time from capture to setpoint.
+    fn take_times(&mut self, step: &Step) -> f64 {
+        let latency_s = (step.arrival_s - step.capture_s) + step.times.total_s();
+        self.wall.latency_s.add(latency_s);
+        let mut note = |name: &'static str, s: f64| {
+            self.wall.stages_s.entry(name).or_default().add(s);
+        };
+        for stage in Stage::ALL {
+            note(stage.name(), step.times.of(stage));
+        }
+        note("loop", step.times.total_s());
+        latency_s
+    }
+
+    fn take_events(&mut self, step: &Step) {
+        let facts = &mut self.facts;
+        if let Some(change) = &step.mode_change {
+            let change = ModeChange {
+                time_s: change.time_s,
+                from: change.from.name(),
+                to: change.to.name(),
+                reason: change.reason.clone(),
+            };
+            facts.events_left_out += push(&mut facts.mode_changes, change);
+        }
+        if let Some(change) = step.control.as_ref().and_then(|c| c.transition.as_ref()) {
+            let change = ActionChange {
+                time_s: change.time_s,
+                from: change.from.name(),
+                to: change.to.name(),
+                reason: change.reason.clone(),
+            };
+            facts.events_left_out += push(&mut facts.transitions, change);
+        }
+    }
+
+    fn take_pictures(&mut self, pair: &StereoFrame, scene: Scene) -> anyhow::Result<()> {
+        if self.sample.wants(pair.index) {
+            let taken = [&pair.left.picture, &pair.right.picture];
+            let small = match &scene.turned {
+                Some(turned) => Small::of(turned.pictures(taken)?.each_ref(), scene.shift_px),
+                None => Small::of(taken, scene.shift_px),
+            };
+            self.sample.keep(pair.index, small);
+        }
+        if self.still.wants(&scene.step, scene.turned.as_ref()) {
+            self.still.keep(pair, scene);
+        }
+        Ok(())
+    }
 }
 
-/// Standard deviation of the distance along the line of sight.
-fn range_sigma_m(estimate: &vergence_track::filter::TargetEstimate) -> f64 {
-    let direction = estimate.position_in_base.coords.normalize();
-    let covariance = estimate.position_covariance();
-    (direction.transpose() * covariance * direction)[0]
-        .max(0.0)
-        .sqrt()
-}
-
-/// Vergence of the eyes at the seen point minus at the screen, arc minutes, + crossed: `2 atan((e - p) / 2V) - 2 atan(e / 2V)`
-/// for a point on the viewer's axis (the seen distance is V e / (e - p)).
-fn arcmin_from_parallax(parallax_m: f64, viewer: &Viewer) -> f64 {
-    let half = |width: f64| 2.0 * (width / (2.0 * viewer.distance_m)).atan();
-    let difference = half(viewer.interocular_m - parallax_m) - half(viewer.interocular_m);
-    difference.to_degrees() * 60.0
+/// Add an event to a list that holds at most [`MOST_EVENTS`]; how many were left out, 0 or 1.
+fn push<T>(events: &mut Vec<T>, event: T) -> u64 {
+    if events.len() == MOST_EVENTS {
+        return 1;
+    }
+    events.push(event);
+    0
 }
 
 #[cfg(test)]
 mod tests {
+    //! Proves: a run that fails half-way stops its axes, keeps what cannot be had again, and says why. Does not look at pictures.
     use super::*;
+    use vergence_capture::{TwinConfig, TwinSource};
+    use vergence_control::{AxisName, ControlSettings, Controller, ModeRequest};
+    use vergence_geometry::{Camera, Distortion, Intrinsics, Screen, Viewer};
+    use vergence_scene::TwinCamera;
+    use vergence_servo::{Motors, Rigging, ServoSettings};
 
-    /// The paper's parallel rig at 1 m: 22.75 mm crossed are 111.4 arc minutes at 0.7 m (their ray-traced table).
-    #[test]
-    fn parallax_as_an_angle() {
-        let viewer = Viewer {
-            interocular_m: 0.065,
-            distance_m: 0.7,
+    /// A twin with small pictures whose axis `broken` is in fault from the start.
+    fn rig(broken: AxisName) -> (Feed, Servo) {
+        let camera = TwinCamera {
+            camera: Camera {
+                intrinsics: Intrinsics::from_sensor(0.0065, 0.0048, 512, 384),
+                distortion: Distortion::NONE,
+            },
+            ..TwinCamera::default()
         };
-        let arcmin = arcmin_from_parallax(-0.02275, &viewer);
-        assert!((arcmin - 111.4).abs() < 0.05, "{arcmin}");
-        assert_eq!(arcmin_from_parallax(0.0, &viewer), 0.0);
+        let config = TwinConfig {
+            seconds: Some(2.0),
+            cameras: [camera; 2],
+            ..TwinConfig::default()
+        };
+        let geometry = config.geometry;
+        let mut control = ControlSettings {
+            focal_px: camera.camera.intrinsics.fx,
+            ..ControlSettings::default()
+        };
+        control.mode.request = ModeRequest::Converged;
+        let controller = Controller::new(control.clone(), geometry, config.head.limits()).unwrap();
+        let source = TwinSource::new(config).unwrap();
+        let head = source.head();
+        head.with_axis(broken, |a| a.fault(0.0)).unwrap();
+        let motors = Motors::new(geometry, head.axes(), control.backlash_rad, controller);
+        let feed = Feed::Twin(Box::new(source));
+        let rigging = Rigging::Motors(Box::new(motors));
+        let servo = Servo::new(feed.info(), rigging, &ServoSettings::default()).unwrap();
+        (feed, servo)
+    }
+
+    fn plan(out: PathBuf, repeatable: bool) -> Plan {
+        Plan {
+            source: "test".to_owned(),
+            real_time: false,
+            headless: true,
+            seconds: None,
+            out,
+            mode: "converged".to_owned(),
+            seed: Some(1),
+            repeatable,
+            screening: Screening {
+                pitch_m: 1.5e-5,
+                screen: Screen::default(),
+                viewer: Viewer::default(),
+            },
+        }
+    }
+
+    /// The pan axis refuses when the target is found: the others stop, rows and summary stay with the reason, and the vergence axes
+    /// park. The same failure of something that can be repeated leaves nothing.
+    #[test]
+    fn a_failing_axis_ends_the_run_safely() {
+        let out = tempfile::tempdir().unwrap();
+        let stop = Arc::new(AtomicBool::new(false));
+        let (feed, servo) = rig(AxisName::Pan);
+        let outcome = run(feed, servo, &plan(out.path().to_owned(), false), &stop).unwrap();
+        let failure = outcome.failure.unwrap().to_string();
+        assert!(failure.contains("Pan"), "{failure}");
+        let summary = outcome.summary;
+        assert_eq!(summary.failed.as_deref(), Some(failure.as_str()));
+        let rest = summary.rest.unwrap();
+        assert!(rest.stopped && rest.parked, "{rest:?}");
+        assert_eq!(summary.limit_violations, 0);
+        let rows = std::fs::read_to_string(outcome.folder.join("frames.csv")).unwrap();
+        assert_eq!(rows.lines().count() as u64, 1 + summary.frames);
+        assert!(summary.frames > 3 && outcome.folder.join("summary.json").is_file());
+
+        let (feed, servo) = rig(AxisName::Pan);
+        let other = tempfile::tempdir().unwrap();
+        assert!(run(feed, servo, &plan(other.path().to_owned(), true), &stop).is_err());
+        assert_eq!(std::fs::read_dir(other.path()).unwrap().count(), 0);
+    }
+
+    /// A run that is told to stop before its first pair is whole, with its axes at rest.
+    #[test]
+    fn a_stopped_run_is_whole() {
+        let out = tempfile::tempdir().unwrap();
+        let stop = Arc::new(AtomicBool::new(true));
+        let (feed, servo) = rig(AxisName::Tilt);
+        let outcome = run(feed, servo, &plan(out.path().to_owned(), false), &stop).unwrap();
+        assert!(outcome.failure.is_none() && outcome.summary.interrupted);
+        assert!(outcome.summary.rest.unwrap().stopped);
+        assert!(outcome.folder.join("summary.json").is_file());
     }
 }
