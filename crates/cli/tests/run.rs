@@ -3,33 +3,20 @@
 //! well it holds the target over whole paths and many seeds is measured outside the tests (docs/performance.md).
 
 // Helper functions outside `#[test]` fail the test as the tests themselves do.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
+
+mod running;
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Output;
 
+use running::{SMALL, cell, command, vergence};
 use serde_json::Value;
 
-fn vergence(args: &[&str], out: &Path) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_vergence"))
-        .args(["run", "--fast", "--headless", "--out"])
-        .arg(out)
-        .args(args)
-        .output()
-        .unwrap()
-}
-
-const SMALL: [&str; 2] = ["--resolution", "512x384"];
-
 fn twin(args: &[&str], out: &Path) -> (Value, PathBuf) {
-    let all: Vec<&str> = [&SMALL, args, &["--format", "json"]].concat();
-    let output = vergence(&all, out);
-    let talk = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{talk}");
-    let summary = serde_json::from_slice(&output.stdout).unwrap();
-    let folder = talk.trim().rsplit("wrote ").next().unwrap().to_owned();
-    (summary, PathBuf::from(folder))
+    let ran = running::twin(args, out);
+    (ran.summary, ran.folder)
 }
 
 /// A converged run finds the person untold, holds it at zero parallax, violates no limit and leaves the promised files.
@@ -51,6 +38,10 @@ fn a_run_holds_its_target() {
         "{summary}"
     );
     assert_eq!(summary["limit_violations"], 0);
+    assert_eq!(summary["rest"]["stopped"], true);
+    assert_eq!(summary["rest"]["parked"], true);
+    let transitions = summary["transitions"].as_array().unwrap();
+    assert_eq!(transitions[0]["to"], "tracking");
     assert_eq!(summary["frames"], 75);
     for name in [
         "summary.json",
@@ -73,22 +64,14 @@ fn a_run_holds_its_target() {
     assert_eq!(rows.lines().count(), 76);
 }
 
-/// The same seed gives the same bytes, on one thread or two; another seed gives others.
+/// The same seed gives the same bytes, on one thread or two, in real time or as fast as it can; another seed gives others.
 #[test]
 fn a_seed_gives_the_same_bytes() {
     let out = tempfile::tempdir().unwrap();
-    let frames = |seed: &str, threads: &str| {
-        let output = Command::new(env!("CARGO_BIN_EXE_vergence"))
+    let frames = |seed: &str, threads: &str, pace: &[&str]| {
+        let output = command(&["run", "--headless", "--seconds", "0.8", "--seed", seed])
             .env("RAYON_NUM_THREADS", threads)
-            .args([
-                "run",
-                "--fast",
-                "--headless",
-                "--seconds",
-                "0.8",
-                "--seed",
-                seed,
-            ])
+            .args(pace)
             .args(SMALL)
             .arg("--out")
             .arg(out.path())
@@ -98,32 +81,90 @@ fn a_seed_gives_the_same_bytes() {
         let folder = talk.trim().rsplit("wrote ").next().unwrap().to_owned();
         fs::read(Path::new(&folder).join("frames.csv")).unwrap()
     };
-    let first = frames("3", "2");
-    assert_eq!(first, frames("3", "1"));
-    assert_ne!(first, frames("4", "2"));
+    let fast = ["--fast"];
+    let first = frames("3", "2", &fast);
+    assert_eq!(first, frames("3", "1", &fast));
+    assert_eq!(first, frames("3", "2", &[]));
+    assert_ne!(first, frames("4", "2", &fast));
 }
 
-/// `shifted` keeps the axes parallel and takes the parallax away in the pictures; `parallel` does neither.
-#[test]
-fn modes_do_what_they_say() {
+/// The last row of a person crossing close by.
+fn crossing(mode: &str) -> impl Fn(&str) -> f64 {
     let out = tempfile::tempdir().unwrap();
-    let (_, folder) = twin(
-        &["--mode", "shifted", "--path", "cross", "--seconds", "1.2"],
-        out.path(),
-    );
-    let rows = fs::read_to_string(folder.join("frames.csv")).unwrap();
-    let (header, last) = (rows.lines().next().unwrap(), rows.lines().last().unwrap());
-    let cell = |name: &str| -> f64 {
-        let column = header.split(',').position(|c| c == name).unwrap();
-        last.split(',').nth(column).unwrap().parse().unwrap()
-    };
-    assert!(
-        cell("vergence_deg").abs() < 0.05,
-        "{}",
-        cell("vergence_deg")
-    );
+    let args = ["--mode", mode, "--path", "cross", "--seconds", "1.2"];
+    let ran = running::twin(&args, out.path());
+    let last = ran.rows.last().unwrap().clone();
+    move |name| cell(&last, name).unwrap()
+}
+
+/// `shifted` keeps the axes parallel and takes the parallax away in the pictures.
+#[test]
+fn shifted_shifts() {
+    let cell = crossing("shifted");
+    let vergence = cell("vergence_deg");
+    assert!(vergence.abs() < 0.05, "{vergence}");
     assert!(cell("true_disparity_px") > 8.0);
     assert!(cell("shown_disparity_px").abs() < 1.0);
+    assert_eq!(cell("nulled"), 1.0);
+}
+
+/// `parallel` keeps the axes parallel and leaves the parallax: the target is seen in front of the screen.
+#[test]
+fn parallel_does_neither() {
+    let cell = crossing("parallel");
+    let vergence = cell("vergence_deg");
+    assert!(vergence.abs() < 0.05, "{vergence}");
+    assert!(cell("shown_disparity_px") > 8.0);
+    assert_eq!(cell("shown_disparity_px"), cell("true_disparity_px"));
+    assert_eq!((cell("shift_left_px"), cell("nulled")), (0.0, 0.0));
+    // In front of the screen, both ways of saying it have the same sign.
+    assert!(cell("parallax_mm") < 0.0 && cell("parallax_arcmin") < 0.0);
+}
+
+/// `auto` goes parallel or converged by the rule of the settings, and says which: at about 5.5 m the default rule converges, the 1/30
+/// rule does not.
+#[test]
+fn auto_follows_the_rule() {
+    let out = tempfile::tempdir().unwrap();
+    let path = out.path().join("stand.csv");
+    fs::write(&path, "time_s,x_m,z_m\n0,-0.5,5.5\n4,0.5,5.4\n").unwrap();
+    let path = path.to_str().unwrap();
+    let args = ["--mode", "auto", "--path", path, "--seconds", "1.5"];
+    let ran = running::twin(&args, out.path());
+    let changes = ran.summary["mode_changes"].as_array().unwrap().clone();
+    assert_eq!(changes.len(), 1, "{changes:?}");
+    let reason = changes[0]["reason"].as_str().unwrap();
+    assert!(
+        reason.contains("nearer than 6.65 m") && reason.contains("seen depth"),
+        "{reason}"
+    );
+    let rule = ["--set", "plan.rule=percent-1-30"];
+    let ran = running::twin(&[&args[..], &rule].concat(), out.path());
+    assert_eq!(ran.summary["mode_changes"].as_array().unwrap().len(), 0);
+    assert_eq!(ran.rows.last().unwrap()["mode"], "parallel");
+}
+
+/// In dim light (12 ms exposure, four times the gain) the person is found and held too.
+#[test]
+fn dim_light_is_enough() {
+    let out = tempfile::tempdir().unwrap();
+    let args = [
+        "--mode",
+        "converged",
+        "--light",
+        "dim",
+        "--path",
+        "cross",
+        "--seconds",
+        "2",
+    ];
+    let ran = running::twin(&args, out.path());
+    assert!(ran.number("target.found_after_s") < 1.0, "{}", ran.summary);
+    assert!(
+        ran.number("target.tracked_fraction") > 0.9,
+        "{}",
+        ran.summary
+    );
 }
 
 /// Bad calls get exit code 2 (1 for a picture that breaks in the middle), one sentence, and leave nothing behind.
@@ -158,6 +199,7 @@ fn bad_calls_leave_nothing_behind() {
         let output = vergence(&args, out.path());
         let talk = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(2), "{args:?}: {talk}");
+        assert!(!talk.contains(" { "), "debug text: {talk}");
         assert!(
             talk.starts_with("error: ") && talk.contains(told),
             "{args:?}: {talk}"
