@@ -58,7 +58,7 @@ pub struct TwinConfig {
 
 impl Default for TwinConfig {
     /// The paper's rig with the twin's default cameras and motors at 30 fps. From mid-exposure to arrival it takes 2 ms (half
-    /// an exposure) + 18 ms + up to 0.5 ms: readout in about half a period and a transfer over USB 3, round figures.
+    /// an exposure) + 18 ms + up to 0.5 ms: readout in about half a period and a transfer over USB 3, round figures. `docs/parts.md` names the parts.
     fn default() -> Self {
         Self {
             path: PathSpec::Walk,

@@ -15,8 +15,8 @@ pub type BoxedAxis = Box<dyn Axis + Send>;
 
 /// The parts of the four axes.
 ///
-/// The defaults are classes of parts that one can buy; their figures are typical values from memory, not from one data
-/// sheet:
+/// The defaults stand for parts that one can buy, named in `docs/parts.md` with the source of each figure; what no
+/// data sheet defines is typical of the class:
 ///
 /// | axis | motor and driver | gear | step | play | speed, acceleration, jerk |
 /// |---|---|---|---|---|---|

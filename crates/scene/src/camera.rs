@@ -9,8 +9,8 @@ use crate::world::Light;
 /// Everything that makes one camera's picture out of light. Each effect has a value that switches it off.
 ///
 /// Defaults: 1024 x 768 on a 1/3-inch sensor (4.8 mm x 3.6 mm, pixels of 4.69 um) behind a lens of 6.5 mm, mild
-/// barrel distortion, 4 ms at full daylight. Full well, read noise and response are round figures typical of
-/// 1/3-inch machine-vision sensors with pixels of about that size; they are approximate and no part's data sheet.
+/// barrel distortion, 4 ms at full daylight. They stand for a camera of the class of Sony's ICX204; full well, read noise and
+/// response are round figures typical of such sensors. `docs/parts.md` says for each figure where it comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TwinCamera {
