@@ -7,17 +7,6 @@ use crate::array::{Mode, ModeKind, StereoArray};
 use crate::error::{GeometryError, Result, finite};
 use crate::viewing::{Screen, Sight, State, Viewer};
 
-/// A file of cases; fields that are not named here (`meta`, `tables`, `expect`) are ignored.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
-pub struct CaseFile {
-    /// Pairs before a viewer.
-    #[serde(default)]
-    pub cases: Vec<Case>,
-    /// Arrays of n cameras.
-    #[serde(default)]
-    pub arrays: Vec<ArrayCase>,
-}
-
 /// One rig, one screen, one viewer, one point. Symbols as in the file.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct Case {
@@ -214,36 +203,6 @@ impl From<Sight> for CaseResult {
             vdisparity_arcmin: seen.map(|s| plain(arcmin_from_rad(s.vertical_disparity_rad))),
         }
     }
-}
-
-impl CaseFile {
-    /// Every result, in the file's order; the first faulty case is an error that names it.
-    pub fn evaluate(&self) -> Result<CaseReport> {
-        Ok(CaseReport {
-            cases: self
-                .cases
-                .iter()
-                .map(|case| answer(&case.id, case.evaluate()))
-                .collect::<Result<_>>()?,
-            arrays: self
-                .arrays
-                .iter()
-                .map(|case| answer(&case.id, case.evaluate()))
-                .collect::<Result<_>>()?,
-        })
-    }
-}
-
-fn answer<T>(id: &str, result: Result<T>) -> Result<Answer<T>> {
-    result
-        .map(|result| Answer {
-            id: id.to_owned(),
-            result,
-        })
-        .map_err(|source| GeometryError::Case {
-            id: id.to_owned(),
-            source: Box::new(source),
-        })
 }
 
 impl Case {

@@ -33,14 +33,6 @@ pub enum GeometryError {
         /// Name of the field.
         field: &'static str,
     },
-    /// A fault inside one case of a file of cases.
-    #[error("case {id:?}: {source}")]
-    Case {
-        /// The case's `id`.
-        id: String,
-        /// What was wrong with it.
-        source: Box<GeometryError>,
-    },
     /// Slices that should have one length.
     #[error("{name} holds {found} values, it must hold {expected}, as many as x")]
     Length {

@@ -23,7 +23,7 @@
 
 /// The paper's rig before the paper's screen, in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Setup {
+pub struct PaperRig {
     /// Separation of the lens centres.
     pub t: f64,
     /// Focal length.
@@ -49,7 +49,7 @@ pub struct Target {
     pub z0: f64,
 }
 
-impl Setup {
+impl PaperRig {
     /// (1): `beta = arctan(t / 2L)`, the turn of each camera, radians.
     pub fn eq1_beta(&self) -> f64 {
         (self.t / (2.0 * self.l)).atan()

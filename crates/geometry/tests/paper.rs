@@ -6,10 +6,10 @@
 
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
-use vergence_geometry::paper::{Setup, Target};
+use vergence_geometry::paper::{PaperRig, Target};
 use vergence_geometry::{ModeKind, Screen, Sight, StereoArray, Viewer};
 
-const RIG: Setup = Setup {
+const RIG: PaperRig = PaperRig {
     t: 0.07,
     f: 0.0065,
     m: 50.0,
@@ -18,7 +18,7 @@ const RIG: Setup = Setup {
     l: 2.0,
 };
 
-fn sight(setup: &Setup, mode: ModeKind, target: &Target) -> Sight {
+fn sight(setup: &PaperRig, mode: ModeKind, target: &Target) -> Sight {
     let array = StereoArray {
         interaxial_m: setup.t,
         focal_m: setup.f,
@@ -54,7 +54,7 @@ proptest! {
         t in 0.02..0.2f64, l in 0.5..10.0f64, x0 in -0.8..0.8f64, y0 in -0.6..0.6f64, z0 in 0.8..10.0f64,
         m in 10.0..60.0f64,
     ) {
-        let setup = Setup { t, l, m, ..RIG };
+        let setup = PaperRig { t, l, m, ..RIG };
         let target = Target { x0, y0, z0 };
         let ours = sight(&setup, ModeKind::Converged, &target);
         let f = setup.f;
@@ -105,13 +105,13 @@ proptest! {
 #[test]
 fn spot_values() {
     let unit = |x0, y0| Target { x0, y0, z0: 1.0 };
-    let at_1m = Setup { l: 1.0, ..RIG };
+    let at_1m = PaperRig { l: 1.0, ..RIG };
     assert!((RIG.eq16_parallel_h_v(&unit(0.0, 0.0))[0] - 0.02275).abs() < 1e-15);
     assert!((at_1m.eq11_h(&unit(0.4, 0.3)) + 3.631808e-3).abs() < 5e-10);
     assert!((at_1m.eq12_v(&unit(0.4, 0.3)) + 2.725524e-3).abs() < 5e-10);
     // Woods, Docherty & Koch 1993: the corner of 6.4 x 4.8 mm, f = 3.5 mm, C = 1 m, t = 75 mm; they print 8.2 mm. By hand
     // M f t X Y / L = 8.2286 mm to first order, 8.2209 mm exactly.
-    let woods = Setup {
+    let woods = PaperRig {
         t: 0.075,
         f: 0.0035,
         l: 1.0,
@@ -126,7 +126,7 @@ fn spot_values() {
 /// that much in the worst place; t << L alone does not make it good.
 #[test]
 fn first_order_vertical_parallax() {
-    let excess = |setup: &Setup, x: f64, y: f64, z0: f64| {
+    let excess = |setup: &PaperRig, x: f64, y: f64, z0: f64| {
         let target = Target {
             x0: x * z0,
             y0: y * z0,
@@ -138,19 +138,19 @@ fn first_order_vertical_parallax() {
     for l in [1.0, 2.0, 5.0, 10.0] {
         for z0 in [1.0, 2.0, 5.0, 10.0] {
             for (x, y) in [(0.01, 0.01), (0.25, 0.2), (0.49, 0.37)] {
-                worst = worst.max(excess(&Setup { l, ..RIG }, x, y, z0).abs());
+                worst = worst.max(excess(&PaperRig { l, ..RIG }, x, y, z0).abs());
             }
         }
     }
     assert!((0.0018..0.0019).contains(&worst), "{worst}");
-    let wide = Setup {
+    let wide = PaperRig {
         t: 0.2,
         l: 0.5,
         ..RIG
     };
     assert!((excess(&wide, 0.01, 0.01, 0.5) - 0.0606).abs() < 1e-3);
     // t is 2 % of L here, but 40 % of z0.
-    let near = Setup {
+    let near = PaperRig {
         t: 0.2,
         l: 10.0,
         ..RIG
@@ -177,7 +177,7 @@ fn errata() {
     // (12) and (17) have opposite signs.
     assert!(RIG.eq12_v(&target) * RIG.eq17_v_upright(&target) < 0.0);
     // (19) is a bound: its range over L = 1..10 m, and what the 1/3 inch picture really holds at 1 m.
-    let at = |l| Setup { l, ..RIG };
+    let at = |l| PaperRig { l, ..RIG };
     assert!((at(1.0).eq19_bound() - 0.02275).abs() < 1e-15);
     assert!((at(10.0).eq19_bound() - 0.002275).abs() < 1e-15);
     let largest = |x0, y0| at(1.0).eq17_v_upright(&Target { x0, y0, z0: 1.0 });
