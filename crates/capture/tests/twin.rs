@@ -181,6 +181,34 @@ fn a_converged_head_has_the_target_in_the_middle() {
     assert!(truth.disparity_px().unwrap().abs() < 0.05);
 }
 
+/// The truth of every pixel agrees with the truth of the frame: poses, and the depth of the target's reference point where its pixel
+/// lies. A frame that has not been taken has none.
+#[test]
+fn pixel_truth_agrees_with_the_frames_truth() {
+    let mut twin = TwinSource::new(config()).unwrap();
+    for _ in 0..3 {
+        twin.next_pair(None).unwrap();
+    }
+    let truth = *twin.truth_at(2).unwrap();
+    let pixels = twin.pixel_truth(2).unwrap();
+    for eye in 0..2 {
+        let own = &pixels.eyes[eye];
+        assert!(
+            (own.cam_from_base.to_homogeneous() - truth.cam_from_base[eye].to_homogeneous()).amax()
+                < 1e-12
+        );
+        assert_eq!(own.time_s, truth.capture_s[eye]);
+        let px = truth.target_px[eye].unwrap();
+        let depth_m = own.depth_m.at(px.x.round() as usize, px.y.round() as usize);
+        let expected = (truth.cam_from_base[eye] * truth.target_in_base[eye].unwrap()).z;
+        assert!(
+            (f64::from(depth_m) - expected).abs() < 0.05,
+            "{depth_m} {expected}"
+        );
+    }
+    assert!(twin.pixel_truth(100).is_err());
+}
+
 /// Lost pairs leave gaps in the numbers, are counted, keep their truth and come from the seed.
 #[test]
 fn lost_pairs_are_counted() {

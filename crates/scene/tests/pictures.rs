@@ -107,7 +107,7 @@ fn vignetting_is_cos4_and_gain_is_a_factor() {
         ..plain
     };
     let less = TwinCamera { gain: 0.5, ..plain };
-    let [flat, dark] = pair_at(&w, [plain, with], 1, 0.0, 0.0);
+    let [_, dark] = pair_at(&w, [plain, with], 1, 0.0, 0.0);
     let k = &plain.camera.intrinsics;
     let corner = (0..12, 180..192);
     // Both eyes see the far floor there; 7 cm apart and without vignetting they differ little.
@@ -116,7 +116,6 @@ fn vignetting_is_cos4_and_gain_is_a_factor() {
         let [_, half] = pair_at(&w, [plain, less], 1, 0.0, 0.0);
         [right, half]
     };
-    let _ = flat;
     let ratio =
         mean(&dark, corner.0.clone(), corner.1.clone()) / mean(&flat_right, corner.0, corner.1);
     let (x, y) = ((6.0 - k.cx) / k.fx, (186.0 - k.cy) / k.fy);
@@ -140,6 +139,17 @@ fn dim_light_is_darker_and_noisier() {
     let dark = pair_at(&dim, [camera; 2], 1, 1.0, 0.0);
     let ratio = mean(&dark[0], 0..256, 0..192) / mean(&bright[0], 0..256, 0..192);
     assert!(ratio > 0.07 && ratio < 0.14, "{ratio}");
+    // Noise against signal: two pictures that differ in their noise alone.
+    let noise = |world: &Arc<World>, one: &[Rgb; 2]| {
+        let other = pair_at(world, [camera; 2], 2, 1.0, 0.0);
+        let (a, b) = (one[0].samples(), other[0].samples());
+        let pairs = a.as_flattened().iter().zip(b.as_flattened());
+        let sum: f64 = pairs.map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2)).sum();
+        (sum / (2 * 3 * a.len()) as f64).sqrt() / mean(&one[0], 0..256, 0..192)
+    };
+    // A tenth of the light has about a third of the electrons' signal to noise; reading noise adds to it.
+    let times = noise(&dim, &dark) / noise(&day, &bright);
+    assert!(times > 2.5 && times < 8.0, "{times}");
 }
 
 /// A picture smeared by the short cut (all moves alike) against the mean of many sharp ones.
