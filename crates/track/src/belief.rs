@@ -11,6 +11,8 @@ const VELOCITY_S: f64 = 0.35;
 const DISTANCE_S: f64 = 0.15;
 /// Time constant of the usual height, s.
 const HEIGHT_S: f64 = 1.0;
+/// Share of that speed at which the height follows an anchor whose height was not seen.
+const HEIGHT_UNSEEN: f64 = 0.1;
 /// Nobody walks faster, m/s.
 const MAX_SPEED: f64 = 3.0;
 /// After this long unseen the target is expected to have stopped, s: extrapolation further out is a guess.
@@ -168,13 +170,15 @@ impl Belief {
     }
 
     /// The target was seen along `ray`; `measured` is its distance with the deviation of its inverse, `scale_m` the
-    /// distance that the picture's scale suggests without stereo.
+    /// distance that the picture's scale suggests without stereo, `chest_clear` (0 to 1) how far the height of the chest was seen
+    /// rather than kept.
     pub(crate) fn update(
         &mut self,
         lens: &Point3<f64>,
         ray: &Vector3<f64>,
         scale_m: f64,
         measured: Option<(f64, f64)>,
+        chest_clear: f64,
         time_s: f64,
     ) {
         let dt = (time_s - self.time_s).max(1e-3);
@@ -201,7 +205,8 @@ impl Belief {
             return;
         }
         let gain = 1.0 - (-dt / VELOCITY_S.min(self.age_s + dt).max(dt)).exp();
-        let settled = 1.0 - (-dt / HEIGHT_S.min(0.3 * self.known_s + dt)).exp();
+        let height_s = HEIGHT_S / chest_clear.max(HEIGHT_UNSEEN);
+        let settled = 1.0 - (-dt / height_s.min(0.3 * self.known_s + dt)).exp();
         self.usual_y += (self.point.y - self.usual_y) * settled;
         let velocity = (self.point - before) / dt;
         self.velocity += (velocity - self.velocity) * gain;

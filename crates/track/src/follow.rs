@@ -402,6 +402,13 @@ impl Follower {
         };
         let reach_m = expected.sigma_m.mul_add(3.0, 0.06).clamp(0.12, 0.4);
         let judged = self.match_at(seen, &expected, &expected.ray, reach_m, PSR_CHANCE);
+        let judged = judged.and_then(|m| {
+            if self.is_off_height(&seen.left, &m) {
+                Err(Reason::PoorMatch)
+            } else {
+                Ok(m)
+            }
+        });
         match judged {
             Ok(found) => {
                 let found = self.settle(seen, found, dt);

@@ -1,6 +1,7 @@
 //! Sampling a rectangle in space, whatever the lens, through a picture's pyramid.
 
-use nalgebra::{Point2, Point3, Vector3};
+use nalgebra::{Point2, Point3, Vector2, Vector3};
+use vergence_geometry::Camera;
 use vergence_imaging::Gray;
 
 use crate::view::EyeView;
@@ -112,10 +113,7 @@ impl Footprint {
                 if p.z <= 1e-3 || p.x.hypot(p.y) > 2.0 * p.z {
                     return None;
                 }
-                *node = view.camera.project(&p)?;
-                if !(node.x.is_finite() && node.y.is_finite()) {
-                    return None;
-                }
+                *node = project_or_extend(view.camera, &p)?;
             }
         }
         Some(Self {
@@ -156,6 +154,31 @@ impl Footprint {
             }
         }
     }
+}
+
+/// Where a camera sees a point, px; beyond the rays for which its lens model holds, straight on from the last one that does. Such places
+/// lie outside the picture or in its outermost corners, where samples repeat the edge and nothing is measured.
+fn project_or_extend(camera: &Camera, p: &Point3<f64>) -> Option<Point2<f64>> {
+    let finite = |q: &Point2<f64>| q.x.is_finite() && q.y.is_finite();
+    let at = |share: f64| {
+        let towards_axis = Point3::new(share * p.x, share * p.y, p.z);
+        camera.project(&towards_axis).filter(finite)
+    };
+    if let Some(pixel) = at(1.0) {
+        return Some(pixel);
+    }
+    let (mut good, mut bad) = (0.0, 1.0);
+    for _ in 0..12 {
+        let middle = (good + bad) / 2.0;
+        if at(middle).is_some() {
+            good = middle;
+        } else {
+            bad = middle;
+        }
+    }
+    let k = &camera.intrinsics;
+    let beyond = (1.0 - good) / p.z;
+    at(good).map(|edge| edge + Vector2::new(k.fx * p.x, k.fy * p.y) * beyond)
 }
 
 /// Samples of a lattice; outside the picture the nearest edge pixel is repeated. Returns the share of samples
@@ -242,4 +265,34 @@ pub(crate) fn bilinear_clamped(picture: &Gray, u: f32, v: f32) -> f32 {
     let top = p00 + a * (p10 - p00);
     let bottom = p01 + a * (p11 - p01);
     top + b * (bottom - top)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vergence_geometry::{Distortion, Intrinsics};
+
+    /// A lens that folds beyond 45 degrees: inside it is the model itself, beyond there is a place for every direction, farther out the
+    /// farther it points, and without a jump at the edge.
+    #[test]
+    fn beyond_the_lens_model_it_goes_straight_on() {
+        let camera = Camera {
+            intrinsics: Intrinsics::from_sensor(0.0065, 0.0048, 1024, 768),
+            distortion: Distortion {
+                k1: -0.35,
+                ..Distortion::NONE
+            },
+        };
+        let u = |tangent: f64| {
+            project_or_extend(&camera, &Point3::new(2.0 * tangent, 0.0, 2.0)).map(|p| p.x)
+        };
+        let inside = camera.project(&Point3::new(1.0, 0.0, 2.0)).unwrap();
+        assert_eq!(u(0.5), Some(inside.x));
+        assert_eq!(camera.project(&Point3::new(3.0, 0.0, 2.0)), None);
+        for i in 1..180 {
+            let (before, after) = (u(f64::from(i - 1) * 0.01), u(f64::from(i) * 0.01));
+            let step = after.unwrap() - before.unwrap();
+            assert!((-1e-9..20.0).contains(&step), "at {i}: {step} px");
+        }
+    }
 }

@@ -30,6 +30,9 @@ pub(super) const STRANGE: f64 = 4.0;
 /// How far from its height above the floor the chest is believed when it is seen again, metres.
 pub(super) const HEIGHT_M: f64 = 0.2;
 
+/// How far from that height a target that stays in sight may get, metres: half a torso.
+pub(super) const LEAVING_M: f64 = 0.3;
+
 /// Windows on the torso whose distance is looked at: metres to the right of the anchor, share of the torso's width.
 const TORSO_WINDOWS: [(f64, f64); 4] = [(0.0, 1.0), (0.0, 0.45), (-0.08, 0.45), (0.08, 0.45)];
 
@@ -53,6 +56,14 @@ pub(super) struct Match {
     pub(super) inside: f64,
     /// Whether the template must be learned anew.
     pub(super) turned: bool,
+}
+
+impl Match {
+    /// Whether something nearer covers part of what matches and the rest has no distance: who is seen again like this may be half a
+    /// wall.
+    fn is_edge(&self) -> bool {
+        self.covered && self.range.is_none()
+    }
 }
 
 impl Follower {
@@ -247,7 +258,8 @@ impl Follower {
             let ray = (facet.at(f64::from(k) * 0.35, 0.0) - lens).normalize();
             let trial = self.match_at(seen, expected, &ray, 0.25, PSR_FAIR);
             let trial = trial.and_then(|m| {
-                if self.at_target_height(&seen.left, &m)
+                if !m.is_edge()
+                    && self.at_target_height(&seen.left, &m)
                     && self.strangeness(seen, &m.ray, m.distance_m) < STRANGE
                 {
                     Ok(m)
@@ -320,6 +332,7 @@ impl Follower {
             };
             if let Some(found) = found
                 && strange < STRANGE
+                && !found.is_edge()
                 && self.at_target_height(&seen.left, &found)
                 && best.is_none_or(|(s, _)| strange < s)
             {
@@ -354,6 +367,14 @@ impl Follower {
         self.belief
             .as_ref()
             .is_none_or(|b| b.below_m(&view.lens(), &found.ray, found.distance_m).abs() < HEIGHT_M)
+    }
+
+    /// Whether a match has left the chest for legs or what is above the head.
+    pub(super) fn is_off_height(&self, view: &EyeView, found: &Match) -> bool {
+        self.since_lock_s > 1.0
+            && self.belief.as_ref().is_some_and(|b| {
+                b.below_m(&view.lens(), &found.ray, found.distance_m).abs() > LEAVING_M
+            })
     }
 
     /// A person that moves where the target must be, at its distance, but shows another side: the target has turned.

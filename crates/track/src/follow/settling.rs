@@ -11,6 +11,14 @@ use crate::sampling::Facet;
 use crate::view::{FollowState, Observation};
 use crate::window::STEP_M;
 
+/// How far a chest bobs up and down in walking, metres.
+const BOB_M: f64 = 0.03;
+
+/// How far an outline's answer of this clearness is believed, 0 to 1.
+fn trust(clear: f64) -> f64 {
+    ((clear - 0.15) / 0.35).clamp(0.0, 1.0)
+}
+
 impl Follower {
     /// Accept a match: correct it by the outline, learn from it, update the belief.
     pub(super) fn settle(&mut self, seen: &Observation, mut found: Match, dt: f64) -> Match {
@@ -24,9 +32,11 @@ impl Follower {
             self.rangeable += (now - self.rangeable) * (1.0 - (-dt).exp());
         }
         self.body = None;
-        if clean {
-            self.recentre(seen, &mut found, dt);
-        }
+        let chest_clear = if clean {
+            self.recentre(seen, &mut found, dt)
+        } else {
+            0.0
+        };
         // A patch that is partly something nearer has a distance in between.
         let whole = !found.covered && noted < 0.25;
         let measured = found
@@ -34,7 +44,14 @@ impl Follower {
             .filter(|_| whole)
             .map(|r| (r.distance_m, r.sigma_inverse_m));
         if let Some(belief) = &mut self.belief {
-            belief.update(&lens, &found.ray, found.distance_m, measured, seen.time_s);
+            belief.update(
+                &lens,
+                &found.ray,
+                found.distance_m,
+                measured,
+                chest_clear,
+                seen.time_s,
+            );
             found.distance_m = belief.distance_from(&lens);
         }
         if clean && found.inside > 0.55 && found.peak.psr > PSR_FAIR - 1.0 {
@@ -56,22 +73,28 @@ impl Follower {
         found
     }
 
-    /// Move the anchor slowly to where the outline has its chest, and the template with it.
-    pub(super) fn recentre(&mut self, seen: &Observation, found: &mut Match, dt: f64) {
+    /// Move the anchor slowly to where the outline has its chest, and the template with it; how clearly the chest's height was
+    /// seen, 0 to 1.
+    pub(super) fn recentre(&mut self, seen: &Observation, found: &mut Match, dt: f64) -> f64 {
         let patch = torso_patch(found.ray, found.distance_m, 0.0, 1.0);
         let full = f64::from(1_u32 << self.motion.level());
         let map = self.motion.map().map(|m| (m, full));
+        let mut chest_clear = 0.0;
         let (dx, dy) = if self.settings.posture == Posture::Upright {
             let Some(outline) = self.outlines.find(seen, &patch, found.distance_m, map) else {
-                return;
+                return 0.0;
             };
-            self.correction(&outline, dt)
+            chest_clear = trust(outline.chest_clear);
+            let below_m = self.belief.as_ref().map_or(0.0, |b| {
+                b.below_m(&seen.left.lens(), &found.ray, found.distance_m)
+            });
+            self.correction(&outline, below_m, dt)
         } else {
             let Some(middle) = self
                 .outlines
                 .find_middle(seen, &patch, found.distance_m, map)
             else {
-                return;
+                return 0.0;
             };
             let gain = 1.0 - (-dt / 0.5).exp();
             (
@@ -92,6 +115,7 @@ impl Follower {
             self.filter.recentre(dx / STEP_M, dy / STEP_M);
             self.body = self.outlines.mask(SIDE, STEP_M, (dx, dy));
         }
+        chest_clear
     }
 
     /// Far away the eyes cannot tell the person from what is behind, but its motion can.
@@ -103,15 +127,17 @@ impl Follower {
         far || self.since_lock_s < 1.0
     }
 
-    /// Share of the outline's offset that is corrected in this frame, metres right and down.
-    pub(super) fn correction(&self, outline: &Outline, dt: f64) -> (f64, f64) {
+    /// Share of the outline's offset that is corrected in this frame, metres right and down. Where the outline does not tell the
+    /// chest's height (from the side), its usual height above the floor does: an anchor `below_m` lower has crept.
+    pub(super) fn correction(&self, outline: &Outline, below_m: f64, dt: f64) -> (f64, f64) {
         // Quick just after the target was found, slow later: turning clothes drift slowly.
         let time_constant = if self.since_lock_s < 0.7 { 0.15 } else { 0.5 };
         let gain = 1.0 - (-dt / time_constant).exp();
-        let trust = |clear: f64| ((clear - 0.15) / 0.35).clamp(0.0, 1.0);
         let limit = 0.02;
+        let chest = trust(outline.chest_clear);
+        let crept_m = below_m - below_m.clamp(-BOB_M, BOB_M);
         let dx = gain * trust(outline.middle_clear) * outline.middle_m;
-        let dy = gain * trust(outline.chest_clear) * outline.chest_m;
+        let dy = gain * (chest * outline.chest_m - (1.0 - chest) * crept_m);
         (dx.clamp(-limit, limit), dy.clamp(-limit, limit))
     }
 
