@@ -31,7 +31,8 @@ const LEVELS: usize = 5;
 /// Least width and height of a picture: the pyramid's top has 4 x 4 pixels then.
 const LEAST_SIDE_PX: usize = 64;
 
-/// A target whose last sighting is older than this was out of sight, s: a few frames.
+/// A target whose distance was last measured longer ago than this was out of sight, s: a few frames. What is followed without
+/// a distance for longer may be a patch of the wall.
 const IN_SIGHT_S: f64 = 0.1;
 
 /// How far from where it was expected a target may be seen again, m: along the line of sight, where false matches between the eyes
@@ -69,7 +70,7 @@ pub struct Servo {
     before: Option<(TargetFilter, Expectation)>,
     /// Sightings that were not believed.
     claims: Claims,
-    /// When the target was last seen and believed.
+    /// When the target was last seen with its distance, and believed.
     sighted_s: f64,
     /// Set when the cameras stand too wide for patches of one to be found in the other.
     wide: Option<TwoViewTracker>,
@@ -489,7 +490,9 @@ impl Servo {
             self.forget();
         }
         let hidden = capture_s - self.sighted_s > IN_SIGHT_S;
-        self.sighted_s = capture_s;
+        if measured.is_some() {
+            self.sighted_s = capture_s;
+        }
         let sight = match measured {
             Some(measurement) => measurement.sight,
             None => self.direction(stance, sighting)?,

@@ -44,7 +44,7 @@ fn run(config: TwinConfig) -> Vec<Seen> {
     let (camera, geometry, head) = (
         config.cameras[0].camera,
         config.geometry,
-        config.head.clone(),
+        config.head,
     );
     let mut source = TwinSource::new(config).unwrap();
     let control = ControlSettings {
