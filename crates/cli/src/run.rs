@@ -67,6 +67,15 @@ pub(crate) enum SourceKind {
     Files,
 }
 
+/// What to do with a picture that cannot be read or has no partner.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum FaultAction {
+    /// Stop with an error that names the file.
+    Refuse,
+    /// Leave the pair out and count it.
+    Skip,
+}
+
 /// Flags of `vergence run`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = AFTER)]
@@ -121,6 +130,9 @@ pub(crate) struct RunArgs {
         allow_hyphen_values = true
     )]
     fps: Option<String>,
+    /// A picture that cannot be read or has no partner: refuse, skip [default: refuse].
+    #[arg(long, value_enum, value_name = "ACTION", help_heading = "Files")]
+    on_fault: Option<FaultAction>,
     /// How to print the summary.
     #[arg(long, value_enum, default_value_t)]
     format: Format,

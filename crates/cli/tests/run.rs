@@ -296,6 +296,18 @@ fn recorded_pairs_and_their_faults() {
     let whole = fs::read(&middle).unwrap();
     fs::write(&middle, &whole[..whole.len() / 2]).unwrap();
     told("left_003.png", 1);
+    // Told to, the run goes on without that pair and counts it.
+    let inputs = paths.each_ref().map(String::as_str);
+    let skipping = folder.path().join("runs-skipping");
+    let ran = running::Ran::of(&running::on_files(
+        inputs,
+        &["--on-fault", "skip"],
+        &skipping,
+    ));
+    assert_eq!(
+        (ran.number("frames"), ran.number("dropped_pairs")),
+        (5.0, 1.0)
+    );
     let small = vergence_imaging::Gray::filled(80, 60, 9);
     vergence_imaging::files::write_gray(&middle, &small).unwrap();
     told("left_003.png", 2);

@@ -18,7 +18,7 @@ use crate::settings::quantity::Dimension;
 use super::feed::Feed;
 use super::session::Plan;
 use super::view::Screening;
-use super::{RunArgs, SourceKind};
+use super::{FaultAction, RunArgs, SourceKind};
 
 /// Ready to run.
 pub(crate) struct Built {
@@ -81,6 +81,7 @@ fn twin(
         ("--calibration", args.calibration.is_some()),
         ("--cameras", args.cameras.is_some()),
         ("--fps", args.fps.is_some()),
+        ("--on-fault", args.on_fault.is_some()),
     ] {
         if given {
             return Err(fault::usage(format!("{flag} has no meaning for the twin"))
@@ -222,12 +223,16 @@ fn files(args: &RunArgs, target: Option<PixelBox>) -> anyhow::Result<(Feed, Serv
         .as_deref()
         .map(|text| rate_from_text(text, "--fps"))
         .transpose()?;
+    let on_fault = match args.on_fault {
+        Some(FaultAction::Skip) => OnFault::Skip,
+        Some(FaultAction::Refuse) | None => OnFault::Refuse,
+    };
     let config = FilesConfig {
         left,
         right,
         fps,
-        unpaired: OnFault::Refuse,
-        unreadable: OnFault::Refuse,
+        unpaired: on_fault,
+        unreadable: on_fault,
         ..FilesConfig::default()
     };
     let source = FilesSource::open(&config, &rig).map_err(|e| fault::usage(e.to_string()))?;

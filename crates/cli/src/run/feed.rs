@@ -1,14 +1,20 @@
 //! Where a run's pairs come from, with the truth where there is one.
 
 use vergence_capture::{
-    Clock as _, FilesSource, SimulatedClock, Source, SourceInfo, StereoFrame, TwinSource,
+    CaptureError, Clock as _, FilesSource, SimulatedClock, Source, SourceInfo, StereoFrame,
+    TwinSource,
 };
 use vergence_control::{AxisName, ControlSettings};
 use vergence_geometry::Eye;
 use vergence_servo::{Servo, Step};
 
+use crate::fault;
+
 use super::record::Truth;
 use super::rest::{Rest, bring_to_rest};
+
+/// What to do about a picture that cannot be read.
+const SKIP_HINT: &str = "--on-fault skip leaves such pairs out and counts them";
 
 /// The source of a run.
 pub(crate) enum Feed {
@@ -30,7 +36,13 @@ impl Feed {
     ) -> anyhow::Result<Option<StereoFrame>> {
         Ok(match self {
             Feed::Twin(twin) => twin.next_pair(reuse)?,
-            Feed::Files(files) => files.next_pair(reuse)?,
+            Feed::Files(files) => files.next_pair(reuse).map_err(|error| {
+                let failed = fault::failed(error.to_string());
+                match error {
+                    CaptureError::Picture(_) => failed.hint(SKIP_HINT),
+                    _ => failed,
+                }
+            })?,
         })
     }
 
@@ -38,6 +50,14 @@ impl Feed {
         match self {
             Feed::Twin(twin) => twin.dropped_pairs(),
             Feed::Files(files) => files.dropped_pairs(),
+        }
+    }
+
+    /// What a person should know of the source and may not expect.
+    pub(crate) fn remarks(&self) -> Vec<String> {
+        match self {
+            Feed::Twin(_) => Vec::new(),
+            Feed::Files(files) => files.remarks().to_vec(),
         }
     }
 

@@ -15,6 +15,9 @@ pub(crate) fn text_of(outcome: &Outcome) -> String {
         let _ = writeln!(out, "{label:<18}{text}");
     };
     line("source", &s.source);
+    for remark in &s.remarks {
+        line("note", remark);
+    }
     line("run", &run(s));
     line("target", &target(s));
     if let Some(error) = s.vergence_error_px {

@@ -78,6 +78,7 @@ pub(crate) fn run(
     log.facts.rest = feed.bring_to_rest(&mut servo);
     log.facts.limit_violations = feed.limit_violations();
     log.facts.dropped_pairs = feed.dropped_pairs();
+    log.facts.remarks = feed.remarks();
     log.facts.interrupted = stop.load(Ordering::Relaxed);
     match ended {
         Ok(()) => finish(folder, log, &servo, None),

@@ -23,6 +23,7 @@ pub(crate) const MOST_EVENTS: usize = 1000;
 #[derive(Debug, Serialize)]
 pub(crate) struct Summary {
     pub(crate) source: String,
+    pub(crate) remarks: Vec<String>,
     pub(crate) mode: String,
     pub(crate) seed: Option<u64>,
     pub(crate) frames: u64,
@@ -125,6 +126,7 @@ pub(crate) struct Wall {
 #[derive(Debug, Default)]
 pub(crate) struct Facts {
     pub(crate) source: String,
+    pub(crate) remarks: Vec<String>,
     pub(crate) mode: String,
     pub(crate) seed: Option<u64>,
     pub(crate) real_time: bool,
@@ -279,6 +281,7 @@ impl Rows {
         Summary {
             target: self.target(),
             source: facts.source,
+            remarks: facts.remarks,
             mode: facts.mode,
             seed: facts.seed,
             frames: self.frames,
