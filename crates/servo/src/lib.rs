@@ -12,6 +12,7 @@ pub mod rigging;
 pub mod servo;
 pub mod stages;
 pub mod step;
+mod target;
 mod wide;
 
 pub use error::ServoError;

@@ -8,21 +8,18 @@ use vergence_imaging::Gray;
 use vergence_imaging::colour::luma_from_rgb_into;
 use vergence_imaging::pyramid::Pyramid;
 use vergence_stereo::measure::{self, MatchSettings, Matcher, Region};
-use vergence_track::filter::{
-    FilterSettings, Observation, Sight, TargetEstimate, TargetFilter, Update, Verdict,
-};
+use vergence_track::filter::{FilterSettings, Sight, TargetEstimate, Update};
 use vergence_track::{
     EyeView, FollowSettings, FollowState, Follower, PixelBox, Prior, RangeNote, Report, Sighting,
     SightingKind, TwoViewSettings, TwoViewTracker,
 };
 
-use crate::claims::Claims;
 use crate::error::ServoError;
-use crate::expect::Expectation;
 use crate::prior::prior_from_estimate;
 use crate::rigging::{Rigging, Stance};
 use crate::stages::{Stage, StageTimes};
 use crate::step::{Measured, Step};
+use crate::target::{Place, Target};
 use crate::wide::{is_wide, look};
 
 /// Levels of the pyramids: 64 x 48 pixels at the top of 1024 x 768.
@@ -30,18 +27,6 @@ const LEVELS: usize = 5;
 
 /// Least width and height of a picture: the pyramid's top has 4 x 4 pixels then.
 const LEAST_SIDE_PX: usize = 64;
-
-/// A target whose distance was last measured longer ago than this was out of sight, s: a few frames. What is followed without
-/// a distance for longer may be a patch of the wall.
-const IN_SIGHT_S: f64 = 0.1;
-
-/// How far from where it was expected a target may be seen again, m: along the line of sight, where false matches between the eyes
-/// lie, and across it, where the pictures say well enough who it is ...
-const REFOUND_REACH_M: [f64; 2] = [0.4, 0.5];
-
-/// ... plus this for every second that it was out of sight, m/s: along the line, where a walker who kept its pace is off by less than
-/// that; across it, a walker who turned back.
-const REFOUND_SPEED_M_S: [f64; 2] = [0.6, 2.2];
 
 /// Settings of the loop.
 #[derive(Clone, Debug, Default)]
@@ -64,14 +49,7 @@ pub struct Servo {
     follower: Follower,
     matcher: Matcher,
     relief_m: f64,
-    filter: TargetFilter,
-    expectation: Expectation,
-    /// What was believed before the target was seen again, while it is on probation.
-    before: Option<(TargetFilter, Expectation)>,
-    /// Sightings that were not believed.
-    claims: Claims,
-    /// When the target was last seen with its distance, and believed.
-    sighted_s: f64,
+    target: Target,
     /// Set when the cameras stand too wide for patches of one to be found in the other.
     wide: Option<TwoViewTracker>,
     wide_state: FollowState,
@@ -138,11 +116,7 @@ impl Servo {
             follower,
             relief_m: settings.matching.relief_m,
             matcher: Matcher::new(settings.matching),
-            filter: TargetFilter::new(filter)?,
-            expectation: Expectation::default(),
-            before: None,
-            claims: Claims::default(),
-            sighted_s: f64::NEG_INFINITY,
+            target: Target::new(filter)?,
         })
     }
 
@@ -154,20 +128,20 @@ impl Servo {
         times.timed(Stage::Pictures, || self.take_pictures(pair));
         let stance = self.rigging.stance_at(pair)?;
         let capture_s = pair.capture_s();
+        self.target.begin(capture_s);
 
         if self.wide.is_some() {
             return self.step_wide(pair, &stance, now_s, times);
         }
         let mut report = times.timed(Stage::Track, || self.follow(&stance, capture_s))?;
         if report.state == FollowState::Searching {
-            self.forget();
+            self.target.forget();
         }
         let measured = times.timed(Stage::Measure, || {
             let sighting = report.sighting?;
             let (measured, note) = self.measure(&stance, &sighting, pair);
-            if self.is_plausible(&sighting, measured.as_ref(), capture_s)
-                || self.is_claimed(measured.as_ref(), capture_s)
-            {
+            let place = measured.as_ref().map(|m| self.place(&stance, m));
+            if self.target.can_be(sighting.kind, place.as_ref(), capture_s) {
                 if let Some(note) = note {
                     self.follower.note_range(note);
                 }
@@ -179,14 +153,15 @@ impl Servo {
             None
         });
         let (update, estimate, aim, control) = times.timed(Stage::Control, || {
-            self.put_on_probation(report.sighting.as_ref());
+            self.target
+                .put_on_probation(report.sighting.as_ref(), self.follower.on_probation());
             let update = report
                 .sighting
                 .as_ref()
                 .and_then(|s| self.believe(&stance, s, measured.as_ref(), capture_s));
-            let estimate = self.expectation.at(&self.filter, capture_s);
+            let estimate = self.target.at(capture_s);
             let estimate = estimate.map(|e| self.rigging.honest(e));
-            let aim = self.expectation.at(&self.filter, now_s);
+            let aim = self.target.at(now_s);
             let control = self.drive(&stance, aim.as_ref(), now_s)?;
             Ok::<_, ServoError>((update, estimate, aim, control))
         })?;
@@ -230,21 +205,19 @@ impl Servo {
         })?;
         self.wide_state = sight.state;
         if matches!(sight.state, FollowState::Searching | FollowState::Lost) {
-            self.forget();
+            self.target.forget();
         }
         let (update, estimate, aim) = times.timed(Stage::Control, || {
             if sight
                 .sighting
                 .is_some_and(|s| s.kind == SightingKind::Found)
             {
-                self.forget();
+                self.target.forget();
             }
             let update = sight
                 .observation
-                .and_then(|seen| self.filter.observe(&seen).ok());
-            self.remember(capture_s);
-            let at = |t| self.expectation.at(&self.filter, t);
-            (update, at(capture_s), at(now_s))
+                .and_then(|seen| self.target.observe(seen.time_s, seen.sight, true));
+            (update, self.target.at(capture_s), self.target.at(now_s))
         });
         Ok(Step {
             index: pair.index,
@@ -265,23 +238,6 @@ impl Servo {
             mode_change: None,
             times,
         })
-    }
-
-    /// There is no target any more.
-    fn forget(&mut self) {
-        self.filter.reset();
-        self.expectation.reset();
-        self.before = None;
-        self.sighted_s = f64::NEG_INFINITY;
-    }
-
-    /// Note where the target was, when the filter took a measurement of this moment.
-    fn remember(&mut self, capture_s: f64) {
-        if self.filter.last_used_s() == Some(capture_s)
-            && let Ok(estimate) = self.filter.predict(capture_s)
-        {
-            self.expectation.note(capture_s, estimate.position_in_base);
-        }
     }
 
     /// The cameras, left and right.
@@ -335,7 +291,7 @@ impl Servo {
 
     /// Where the filter expects the target in the left picture.
     fn prior(&self, stance: &Stance, capture_s: f64) -> Option<Prior> {
-        let estimate = self.expectation.at(&self.filter, capture_s)?;
+        let estimate = self.target.at(capture_s)?;
         prior_from_estimate(&estimate, &self.cameras[0], &stance.base_from_cam[0])
     }
 
@@ -382,7 +338,7 @@ impl Servo {
         if sighting.kind == SightingKind::Found {
             return poses;
         }
-        let Some(expected) = self.expectation.at(&self.filter, pair.capture_s()) else {
+        let Some(expected) = self.target.at(pair.capture_s()) else {
             return poses;
         };
         for eye in Eye::BOTH {
@@ -401,7 +357,7 @@ impl Servo {
         capture_s: f64,
     ) -> Option<measure::Prior> {
         let left = &stance.base_from_cam[0];
-        if let Some(estimate) = self.expectation.at(&self.filter, capture_s)
+        if let Some(estimate) = self.target.at(capture_s)
             && sighting.kind == SightingKind::Followed
         {
             let depth = (left.inverse() * estimate.position_in_base).z;
@@ -425,59 +381,6 @@ impl Servo {
         (r.translation.vector - l.translation.vector).norm()
     }
 
-    /// Whether a target that was out of sight can be what is seen now: it must have a distance, and be where a walker could have
-    /// got to. First sightings and a target that stayed in sight are not doubted here; the filter's gate looks after those.
-    fn is_plausible(
-        &self,
-        sighting: &Sighting,
-        measured: Option<&Measurement>,
-        capture_s: f64,
-    ) -> bool {
-        if capture_s - self.sighted_s <= IN_SIGHT_S {
-            return true;
-        }
-        let Some(expected) = self.expectation.at(&self.filter, capture_s) else {
-            return true;
-        };
-        if sighting.kind == SightingKind::Found {
-            return true;
-        }
-        measured.is_some_and(|measured| {
-            let way = measured.result.point_in_base - expected.position_in_base;
-            let along = way.dot(&expected.position_in_base.coords.normalize());
-            let across = (way.norm_squared() - along * along).max(0.0).sqrt();
-            let within = |i: usize, way_m: f64| {
-                way_m <= REFOUND_REACH_M[i] + REFOUND_SPEED_M_S[i] * expected.unseen_s
-            };
-            within(0, along.abs()) && within(1, across)
-        })
-    }
-
-    /// Whether sightings that are not where the target was expected go on for so long, and so much like a walker, that the
-    /// expectation must be wrong.
-    fn is_claimed(&mut self, measured: Option<&Measurement>, capture_s: f64) -> bool {
-        measured.is_some_and(|m| self.claims.add(capture_s, m.result.point_in_base))
-    }
-
-    /// A target that was hidden and is seen for a frame or two only was something else: then the filter goes back to
-    /// what it believed before.
-    fn put_on_probation(&mut self, sighting: Option<&Sighting>) {
-        match sighting {
-            None => {
-                if let Some((filter, expectation)) = self.before.take() {
-                    self.filter = filter;
-                    self.expectation = expectation;
-                    self.sighted_s = self.filter.last_used_s().unwrap_or(f64::NEG_INFINITY);
-                }
-            }
-            Some(_) if !self.follower.on_probation() => self.before = None,
-            Some(sighting) if sighting.kind == SightingKind::Refound => {
-                self.before = Some((self.filter.clone(), self.expectation.clone()));
-            }
-            Some(_) => {}
-        }
-    }
-
     /// Give the filter what was seen: with range where there is one, the direction alone elsewhere.
     fn believe(
         &mut self,
@@ -487,34 +390,23 @@ impl Servo {
         capture_s: f64,
     ) -> Option<Update> {
         if sighting.kind == SightingKind::Found {
-            self.forget();
-        }
-        let hidden = capture_s - self.sighted_s > IN_SIGHT_S;
-        if measured.is_some() {
-            self.sighted_s = capture_s;
+            self.target.forget();
         }
         let sight = match measured {
             Some(measurement) => measurement.sight,
             None => self.direction(stance, sighting)?,
         };
-        let seen = Observation {
-            time_s: capture_s,
-            sight,
-        };
-        let mut update = self.filter.observe(&seen).ok()?;
-        if hidden && measured.is_some() && update.verdict == Verdict::Rejected {
-            // It was hidden, and is where a walker can be: the filter's own idea of where it went is the older one. The pace on the
-            // trail stays: it is all that is left when the target soon hides again.
-            let expected = self.expectation.at(&self.filter, capture_s);
-            self.filter.reset();
-            update = self.filter.observe(&seen).ok()?;
-            if let (Some(expected), Ok(place)) = (expected, self.filter.predict(capture_s)) {
-                self.expectation
-                    .shift(place.position_in_base - expected.position_in_base);
-            }
+        self.target.observe(capture_s, sight, measured.is_some())
+    }
+
+    fn place(&self, stance: &Stance, measured: &Measurement) -> Place {
+        let point_in_base = measured.result.point_in_base;
+        let distance_m = point_in_base.coords.norm();
+        let px_m = self.cameras[0].intrinsics.fx * self.interaxial_m(stance);
+        Place {
+            point_in_base,
+            sigma_m: measured.result.sigma_px * distance_m * distance_m / px_m,
         }
-        self.remember(capture_s);
-        Some(update)
     }
 
     fn direction(&self, stance: &Stance, sighting: &Sighting) -> Option<Sight> {

@@ -41,11 +41,7 @@ fn half_size() -> TwinConfig {
 
 /// Run the loop to the end of the path, in mode `converged`.
 fn run(config: TwinConfig) -> Vec<Seen> {
-    let (camera, geometry, head) = (
-        config.cameras[0].camera,
-        config.geometry,
-        config.head,
-    );
+    let (camera, geometry, head) = (config.cameras[0].camera, config.geometry, config.head);
     let mut source = TwinSource::new(config).unwrap();
     let control = ControlSettings {
         focal_px: camera.intrinsics.fx,

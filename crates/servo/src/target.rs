@@ -1,0 +1,238 @@
+//! What is believed of the target: where it is, where it is expected, and what is doubted.
+
+use nalgebra::Point3;
+use vergence_track::filter::{
+    FilterError, FilterSettings, Observation, Sight, TargetEstimate, TargetFilter, Update, Verdict,
+};
+use vergence_track::{Sighting, SightingKind};
+
+use crate::claims::Claims;
+use crate::expect::Expectation;
+
+/// A target whose distance was last measured longer ago than this was out of sight, s: a few frames. What is followed without
+/// a distance for longer may be a patch of the wall. Of slow sources the last pair counts, whenever it was.
+const IN_SIGHT_S: f64 = 0.1;
+
+/// How far from where it was expected a target may be seen, m: along the line of sight, where false matches between the eyes
+/// lie, and across it, where the pictures say well enough who it is ...
+const REACH_M: [f64; 2] = [0.4, 0.5];
+
+/// ... plus this for every second since it was last seen, m/s: along the line, where a walker who kept its pace is off by less than
+/// that; across it, a walker who turned back ...
+const REACH_SPEED_M_S: [f64; 2] = [0.6, 2.2];
+
+/// ... plus so many deviations of the measured distance along the line.
+const REACH_SIGMAS: f64 = 3.0;
+
+/// A place that was measured, and how well its distance is known.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Place {
+    pub(crate) point_in_base: Point3<f64>,
+    /// Deviation of the distance, m.
+    pub(crate) sigma_m: f64,
+}
+
+/// The target by all that was seen of it.
+pub(crate) struct Target {
+    filter: TargetFilter,
+    expectation: Expectation,
+    /// What was believed before the target was seen again, while it is on probation.
+    before: Option<(TargetFilter, Expectation)>,
+    /// Sightings that were not believed.
+    claims: Claims,
+    /// When the target was last seen with its distance, and believed.
+    sighted_s: f64,
+    /// Capture times of the newest pair and of the one before.
+    pairs_s: [f64; 2],
+}
+
+impl Target {
+    pub(crate) fn new(settings: FilterSettings) -> Result<Self, FilterError> {
+        Ok(Self {
+            filter: TargetFilter::new(settings)?,
+            expectation: Expectation::default(),
+            before: None,
+            claims: Claims::default(),
+            sighted_s: f64::NEG_INFINITY,
+            pairs_s: [f64::NEG_INFINITY; 2],
+        })
+    }
+
+    /// A pair of this time is looked at. To be called first, for every pair.
+    pub(crate) fn begin(&mut self, capture_s: f64) {
+        self.pairs_s = [capture_s, self.pairs_s[0]];
+    }
+
+    /// Whether its distance was measured a moment ago.
+    fn is_in_sight(&self) -> bool {
+        let [now_s, before_s] = self.pairs_s;
+        self.sighted_s >= before_s.min(now_s - IN_SIGHT_S)
+    }
+
+    /// There is no target any more.
+    pub(crate) fn forget(&mut self) {
+        self.filter.reset();
+        self.expectation.reset();
+        self.before = None;
+        self.sighted_s = f64::NEG_INFINITY;
+    }
+
+    /// Where it is expected at a time; `None` when there is none.
+    pub(crate) fn at(&self, time_s: f64) -> Option<TargetEstimate> {
+        self.expectation.at(&self.filter, time_s)
+    }
+
+    /// Whether the target can be what is seen: it must be where a walker could have got to, and have a distance unless it had one
+    /// a moment ago. First sightings are not doubted. What goes on for so long, and so much like a walker, that the expectation must
+    /// be wrong is believed all the same.
+    pub(crate) fn can_be(
+        &mut self,
+        kind: SightingKind,
+        place: Option<&Place>,
+        capture_s: f64,
+    ) -> bool {
+        let Some(expected) = self.at(capture_s).filter(|_| kind != SightingKind::Found) else {
+            return true;
+        };
+        match place {
+            None => self.is_in_sight(),
+            Some(place) => {
+                is_within_reach(place, &expected) || self.claims.add(capture_s, place.point_in_base)
+            }
+        }
+    }
+
+    /// A target that was hidden and is seen for a frame or two only was something else: then all goes back to what was believed
+    /// before. To be called for every pair, before [`Self::observe`].
+    pub(crate) fn put_on_probation(&mut self, sighting: Option<&Sighting>, on_probation: bool) {
+        match sighting {
+            None => {
+                if let Some((filter, expectation)) = self.before.take() {
+                    self.filter = filter;
+                    self.expectation = expectation;
+                    self.sighted_s = self.filter.last_used_s().unwrap_or(f64::NEG_INFINITY);
+                }
+            }
+            Some(_) if !on_probation => self.before = None,
+            Some(sighting) if sighting.kind == SightingKind::Refound => {
+                self.before = Some((self.filter.clone(), self.expectation.clone()));
+            }
+            Some(_) => {}
+        }
+    }
+
+    /// Take in what was seen; `measured` says whether its distance was.
+    pub(crate) fn observe(&mut self, time_s: f64, sight: Sight, measured: bool) -> Option<Update> {
+        let hidden = !self.is_in_sight();
+        if measured {
+            self.sighted_s = time_s;
+        }
+        let seen = Observation { time_s, sight };
+        let mut update = self.filter.observe(&seen).ok()?;
+        if hidden && measured && update.verdict == Verdict::Rejected {
+            // It was hidden, and is where a walker can be: the filter's own idea of where it went is the older one. The pace on the
+            // trail stays: it is all that is left when the target soon hides again.
+            let expected = self.at(time_s);
+            self.filter.reset();
+            update = self.filter.observe(&seen).ok()?;
+            if let (Some(expected), Ok(place)) = (expected, self.filter.predict(time_s)) {
+                self.expectation
+                    .shift(place.position_in_base - expected.position_in_base);
+            }
+        }
+        if self.filter.last_used_s() == Some(time_s)
+            && let Ok(estimate) = self.filter.predict(time_s)
+        {
+            self.expectation.note(time_s, estimate.position_in_base);
+        }
+        Some(update)
+    }
+}
+
+fn is_within_reach(place: &Place, expected: &TargetEstimate) -> bool {
+    let way = place.point_in_base - expected.position_in_base;
+    let along = way.dot(&expected.position_in_base.coords.normalize());
+    let across = (way.norm_squared() - along * along).max(0.0).sqrt();
+    let reach = |i: usize| REACH_M[i] + REACH_SPEED_M_S[i] * expected.unseen_s;
+    along.abs() <= reach(0) + REACH_SIGMAS * place.sigma_m && across <= reach(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Matrix3;
+
+    fn place(x: f64, z: f64) -> Place {
+        Place {
+            point_in_base: Point3::new(x, 0.2, z),
+            sigma_m: 0.02,
+        }
+    }
+
+    /// Somebody who stood at (0, 5) m for a second.
+    fn standing() -> Target {
+        let mut target = Target::new(FilterSettings::default()).unwrap();
+        for i in 0..30 {
+            target.begin(f64::from(i) / 30.0);
+            let sight = Sight::Position {
+                position_in_base: Point3::new(0.0, 0.2, 5.0),
+                covariance: Matrix3::identity() * 1e-4,
+            };
+            target.observe(f64::from(i) / 30.0, sight, true).unwrap();
+        }
+        target
+    }
+
+    /// In sight: where it was expected, with or without a distance, but not a metre farther or nearer within a frame.
+    #[test]
+    fn nobody_jumps() {
+        let mut target = standing();
+        let now_s = 1.0;
+        target.begin(now_s);
+        let mut can = |p: Option<Place>| target.can_be(SightingKind::Followed, p.as_ref(), now_s);
+        assert!(can(Some(place(0.1, 5.1))));
+        assert!(can(None));
+        assert!(!can(Some(place(0.0, 6.2))));
+        assert!(!can(Some(place(0.0, 3.8))));
+        assert!(!can(Some(place(1.0, 5.0))));
+    }
+
+    /// Out of sight the reach grows, and a distance is needed; a first sighting and a target of which nothing is known are not doubted.
+    #[test]
+    fn reach_grows_out_of_sight() {
+        let mut target = standing();
+        let mut can = |p: Option<Place>, at_s| {
+            target.begin(at_s);
+            target.can_be(SightingKind::Refound, p.as_ref(), at_s)
+        };
+        assert!(!can(Some(place(2.0, 5.0)), 1.2));
+        assert!(!can(None, 1.5));
+        assert!(can(Some(place(2.0, 5.0)), 2.5));
+        assert!(!can(Some(place(0.0, 12.0)), 2.5));
+        assert!(target.can_be(SightingKind::Found, Some(&place(2.0, 9.0)), 1.2));
+        target.forget();
+        assert!(target.at(1.2).is_none());
+        assert!(target.can_be(SightingKind::Followed, None, 1.2));
+    }
+
+    /// A source of two pairs a second: what had a distance in the last pair is in sight.
+    #[test]
+    fn slow_sources_keep_their_target() {
+        let mut target = standing();
+        target.begin(29.0 / 30.0 + 0.5);
+        assert!(target.can_be(SightingKind::Followed, None, 29.0 / 30.0 + 0.5));
+        target.begin(29.0 / 30.0 + 1.0);
+        assert!(!target.can_be(SightingKind::Followed, None, 29.0 / 30.0 + 1.0));
+    }
+
+    /// The distance of somebody far away is known less well, and is not held against it.
+    #[test]
+    fn noise_is_no_reason_for_doubt() {
+        let mut target = standing();
+        let vague = Place {
+            sigma_m: 0.4,
+            ..place(0.0, 6.2)
+        };
+        assert!(target.can_be(SightingKind::Followed, Some(&vague), 1.0));
+    }
+}
