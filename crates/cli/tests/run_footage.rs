@@ -47,11 +47,18 @@ fn shows_what_it_says(ran: &Ran, most_px: f64) {
                 assert_eq!(shown, None, "{row:?}");
             }
             "tracking" if nulled == 1.0 => {
-                assert!(shown.unwrap().abs() < most_px, "{row:?}");
+                // A pair in which the distance could not be measured has no figure to tell.
+                assert_eq!(
+                    shown.is_some(),
+                    cell(row, "disparity_px").is_some(),
+                    "{row:?}"
+                );
+                assert!(shown.is_none_or(|d| d.abs() < most_px), "{row:?}");
                 assert!(cell(row, "vergence_deg").unwrap() > 1.0, "{row:?}");
                 // Both say the same of the screen.
                 let (mm, arcmin) = (cell(row, "parallax_mm"), cell(row, "parallax_arcmin"));
-                assert!(mm.unwrap() * arcmin.unwrap() >= 0.0, "{row:?}");
+                assert_eq!(mm.is_some(), arcmin.is_some(), "{row:?}");
+                assert!(mm.zip(arcmin).is_none_or(|(a, b)| a * b >= 0.0), "{row:?}");
             }
             _ => {}
         }
@@ -85,9 +92,9 @@ fn overhead_pair_is_shown_at_zero_parallax() {
         return;
     };
     let (ran, _out) = run(&inputs, &[]);
-    // The pair is turned to where the filter says, which lags behind a measurement that surprises it: a sixth of the disparity that
+    // The pair is turned to where the filter says, which lags behind a measurement that surprises it: a tenth of the disparity that
     // the target has between parallel cameras (50 px), and mostly much less.
-    shows_what_it_says(&ran, 8.0);
+    shows_what_it_says(&ran, 6.0);
     has_pictures(&ran, (1280, 800));
     let mut shown: Vec<f64> = ran.column("shown_disparity_px");
     shown.iter_mut().for_each(|d| *d = d.abs());
@@ -95,11 +102,15 @@ fn overhead_pair_is_shown_at_zero_parallax() {
     assert!(shown[shown.len() / 2] < 2.0, "{shown:?}");
     // As taken the person has disparity, and stands where people stand under these cameras.
     let seen = ran.column("disparity_px");
-    assert!(seen.iter().filter(|d| **d > 4.0).count() >= 6, "{seen:?}");
-    let mut distances = ran.column("distance_m");
-    distances.sort_by(f64::total_cmp);
-    let middle = distances[distances.len() / 2];
-    assert!((1.0..1.7).contains(&middle), "{distances:?}");
+    assert!(seen.len() >= 8 && seen.iter().all(|d| *d > 4.0), "{seen:?}");
+    for row in ran
+        .rows
+        .iter()
+        .filter(|r| cell(r, "disparity_px").is_some())
+    {
+        let distance_m = cell(row, "distance_m").unwrap();
+        assert!((1.0..2.0).contains(&distance_m), "{row:?}");
+    }
     let remarks = ran.summary["remarks"].to_string();
     assert!(remarks.contains("30 a second are assumed"), "{remarks}");
     // Between the two passages nobody is there, and nothing is turned.

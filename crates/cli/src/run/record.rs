@@ -260,6 +260,13 @@ impl Cells {
     fn number(&mut self, value: Option<f64>, decimals: usize) {
         self.text("");
         if let Some(value) = value.filter(|v| v.is_finite()) {
+            // What rounds to nothing has no sign.
+            let scale = 10_f64.powi(decimals as i32);
+            let value = if (value * scale).round() == 0.0 {
+                0.0
+            } else {
+                value
+            };
             // Writing to a String cannot fail.
             let _ = write!(self.line, "{value:.decimals$}");
         }
