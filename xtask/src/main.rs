@@ -1,7 +1,8 @@
-//! `cargo xtask`: the gate (`ci`) and the benchmarks against named peers (`bench-vs`).
+//! `cargo xtask`: the gate (`ci`), the benchmarks against named peers (`bench-vs`), and the loop on many seeds (`seeds`).
 
 mod bench_numpy;
 mod gate;
+mod seeds;
 mod tidy;
 
 use std::process::ExitCode;
@@ -10,7 +11,8 @@ const USAGE: &str = "usage:
   cargo xtask ci                   the whole gate: tidy, format, clippy, tests, docs
   cargo xtask ci --without-tests   the same where `cargo test --workspace` ran just before
   cargo xtask tidy                 crate directions, sizes of files, banned calls, dead links
-  cargo xtask bench-vs numpy       bulk parallax beside NumPy, as a ratio";
+  cargo xtask bench-vs numpy       bulk parallax beside NumPy, as a ratio
+  cargo xtask seeds 1 20 [PATH]... the closed loop on seeds 1 to 20, each path beside its goal";
 
 fn main() -> ExitCode {
     let args: Vec<String> = std::env::args().skip(1).collect();
@@ -20,6 +22,7 @@ fn main() -> ExitCode {
         ["ci", "--without-tests"] => gate::run(gate::Tests::RanBefore),
         ["tidy"] => tidy::check(),
         ["bench-vs", "numpy"] => bench_numpy::run(),
+        ["seeds", from, to, paths @ ..] => seeds::run(from, to, paths),
         _ => {
             eprintln!("{USAGE}");
             return ExitCode::from(2);

@@ -576,7 +576,7 @@ impl Knot {
 }
 
 /// Length of one step at a walking speed, m. Linear about the usual 0.65 m at 1 m/s (adults lengthen and quicken
-/// their steps in about equal parts); approximate. Above [`LONGEST_STEP_AT_M_S`] only the cadence grows.
+/// their steps in about equal parts); approximate. Above 1.12 m/s only the cadence grows.
 pub fn step_length_m(speed_m_s: f64) -> f64 {
     0.35 + 0.30 * speed_m_s.min(LONGEST_STEP_AT_M_S)
 }

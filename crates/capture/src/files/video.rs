@@ -476,7 +476,7 @@ fn ticks_in(line: &str) -> Option<i64> {
     rest.split_whitespace().next()?.parse().ok()
 }
 
-/// The words of a line that is marked as an error, without the mark. It stands first, or after who speaks ("[h264 @ 0x55e5] ").
+/// The words of a line that is marked as an error, without the mark. It stands first, or after who speaks: `[h264 @ 0x55e5]`.
 fn complaint_in(line: &str) -> Option<String> {
     let line = line.trim();
     ["[error] ", "[fatal] ", "[panic] "]
