@@ -377,11 +377,36 @@ fn unknown_section(path: &str) -> String {
     format!("unknown section [{path}]; the nearest is [{near}]")
 }
 
+/// Other names of settings: those of the flags, and what others in the field say.
+const ALSO_CALLED: [(&str, &str); 10] = [
+    ("base", "rig.interaxial"),
+    ("baseline", "rig.interaxial"),
+    ("stereo_base", "rig.interaxial"),
+    ("focal", "camera.focal_length"),
+    ("f", "camera.focal_length"),
+    ("sensor", "camera.sensor_width"),
+    ("resolution", "camera.width"),
+    ("eyes", "screen.interocular"),
+    ("ipd", "screen.interocular"),
+    ("distance", "screen.viewing_distance"),
+];
+
+/// The setting of which this is another name.
+fn called(typed: &str) -> Option<&'static str> {
+    ALSO_CALLED
+        .iter()
+        .find(|(name, _)| *name == typed)
+        .map(|(_, key)| *key)
+}
+
 /// The sentence about a key that does not exist, naming the nearest that does.
 fn unknown_path(path: &str) -> Fault {
     let known: Vec<_> = keys::all().map(Key::path).collect();
     let (section, name) = path.rsplit_once('.').unwrap_or(("", path));
-    let elsewhere = keys::all().find(|k| k.name == name).map(Key::path);
+    let elsewhere = keys::all()
+        .find(|k| k.name == name)
+        .map(Key::path)
+        .or_else(|| called(name).map(str::to_owned));
     let near = elsewhere.unwrap_or_else(|| {
         let within = known
             .iter()

@@ -144,27 +144,16 @@ fn auto_follows_the_rule() {
     assert_eq!(ran.rows.last().unwrap()["mode"], "parallel");
 }
 
-/// In dim light (12 ms exposure, four times the gain) the person is found and held too.
+/// In dim light (12 ms exposure, four times the gain) the person is found and held as the goals want it by day.
 #[test]
 fn dim_light_is_enough() {
     let out = tempfile::tempdir().unwrap();
-    let args = [
-        "--mode",
-        "converged",
-        "--light",
-        "dim",
-        "--path",
-        "cross",
-        "--seconds",
-        "2",
-    ];
+    let args = ["--mode", "converged", "--light", "dim", "--seconds", "3"];
     let ran = running::twin(&args, out.path());
-    assert!(ran.number("target.found_after_s") < 1.0, "{}", ran.summary);
-    assert!(
-        ran.number("target.tracked_fraction") > 0.9,
-        "{}",
-        ran.summary
-    );
+    let summary = &ran.summary;
+    assert!(ran.number("target.found_after_s") < 1.0, "{summary}");
+    assert!(ran.number("target.tracked_fraction") >= 0.99, "{summary}");
+    assert!(ran.number("vergence_error_px.rms") < 1.0, "{summary}");
 }
 
 /// Bad calls get exit code 2 (1 for a picture that breaks in the middle), one sentence, and leave nothing behind.

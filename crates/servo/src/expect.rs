@@ -79,15 +79,14 @@ impl Expectation {
         Some(estimate)
     }
 
-    /// Slope of the least-squares line through the trail; zero for a trail of less than a third of its length.
     fn steady_velocity(&self) -> Vector3<f64> {
-        let (Some(first), Some(last)) = (self.trail.front(), self.trail.back()) else {
-            return Vector3::zeros();
-        };
-        if last.0 - first.0 < TRAIL_S / 3.0 {
-            return Vector3::zeros();
-        }
-        line(&self.trail).0
+        self.pace().unwrap_or_else(Vector3::zeros)
+    }
+
+    /// Slope of the least-squares line through the trail; `None` for a trail of less than a third of its length.
+    pub(crate) fn pace(&self) -> Option<Vector3<f64>> {
+        let (first, last) = (self.trail.front()?, self.trail.back()?);
+        (last.0 - first.0 >= TRAIL_S / 3.0).then(|| line(&self.trail).0)
     }
 }
 

@@ -1,6 +1,6 @@
 //! One step of the loop after another.
 
-use nalgebra::{Isometry3, Matrix2, Vector2};
+use nalgebra::{Isometry3, Matrix2, Vector2, Vector3};
 use vergence_capture::{SourceInfo, StereoFrame};
 use vergence_control::{ControlOutput, TargetEstimate as ControlTarget};
 use vergence_geometry::{Camera, Eye};
@@ -133,7 +133,7 @@ impl Servo {
         if self.wide.is_some() {
             return self.step_wide(pair, &stance, now_s, times);
         }
-        let mut report = times.timed(Stage::Track, || self.follow(&stance, capture_s))?;
+        let mut report = times.timed(Stage::Track, || self.follow(&stance, pair))?;
         if report.state == FollowState::Searching {
             self.target.forget();
         }
@@ -279,14 +279,27 @@ impl Servo {
         }
     }
 
-    fn follow(&mut self, stance: &Stance, capture_s: f64) -> Result<Report, ServoError> {
+    fn follow(&mut self, stance: &Stance, pair: &StereoFrame) -> Result<Report, ServoError> {
+        let capture_s = pair.capture_s();
         let prior = self.prior(stance, capture_s);
+        let mut right = view(&self.pictures, &self.cameras, stance, Eye::Right);
+        // The left lens stays where it is: what stands still is told by it.
+        let between_s = pair.of(Eye::Right).capture_s - pair.of(Eye::Left).capture_s;
+        if let Some(velocity) = self.velocity(capture_s) {
+            right.base_from_cam.translation.vector -= velocity * between_s;
+        }
         let seen = vergence_track::Observation {
             left: view(&self.pictures, &self.cameras, stance, Eye::Left),
-            right: Some(view(&self.pictures, &self.cameras, stance, Eye::Right)),
+            right: Some(right),
             time_s: capture_s,
         };
         Ok(self.follower.step(&seen, prior.as_ref())?)
+    }
+
+    /// The target's velocity as far as it is known, m/s: over its last step, or of the moment.
+    fn velocity(&self, capture_s: f64) -> Option<Vector3<f64>> {
+        let expected = self.target.at(capture_s)?;
+        Some(self.target.pace().unwrap_or(expected.velocity_in_base))
     }
 
     /// Where the filter expects the target in the left picture.
@@ -338,12 +351,12 @@ impl Servo {
         if sighting.kind == SightingKind::Found {
             return poses;
         }
-        let Some(expected) = self.target.at(pair.capture_s()) else {
+        let Some(velocity) = self.velocity(pair.capture_s()) else {
             return poses;
         };
         for eye in Eye::BOTH {
             let later_s = pair.of(eye).capture_s - pair.capture_s();
-            poses[eye as usize].translation.vector -= expected.velocity_in_base * later_s;
+            poses[eye as usize].translation.vector -= velocity * later_s;
         }
         poses
     }

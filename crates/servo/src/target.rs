@@ -1,6 +1,6 @@
 //! What is believed of the target: where it is, where it is expected, and what is doubted.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use vergence_track::filter::{
     FilterError, FilterSettings, Observation, Sight, TargetEstimate, TargetFilter, Update, Verdict,
 };
@@ -80,6 +80,11 @@ impl Target {
     /// Where it is expected at a time; `None` when there is none.
     pub(crate) fn at(&self, time_s: f64) -> Option<TargetEstimate> {
         self.expectation.at(&self.filter, time_s)
+    }
+
+    /// Its velocity over the last step of a walker, m/s, where it was seen for long enough: steadier than the velocity of a moment.
+    pub(crate) fn pace(&self) -> Option<Vector3<f64>> {
+        self.expectation.pace()
     }
 
     /// Whether the target can be what is seen: it must be where a walker could have got to, and have a distance unless it had one

@@ -79,24 +79,31 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
     f64::sqrt(sum / n)
 }
 
-/// Eyes that expose 5 ms apart see a walker who crosses the picture at two places. That way (5 mm at 5 m: more than half a pixel of
-/// disparity, a tenth of the range) is not taken for disparity.
+/// Eyes that expose 5 ms apart see a walker who crosses the picture at two places. Taken for disparity, that way would be 5.5 mm over a
+/// base of 70 mm: 8 % of the range. Most of it must be gone; what stays comes from not knowing the pace (at turns above all).
 #[test]
 fn a_walkers_way_between_the_eyes_is_no_disparity() {
-    let config = TwinConfig {
-        path: PathSpec::Cross,
-        seed: 3,
-        seconds: Some(5.0),
-        eye_offset_s: [0.0, 0.005],
-        ..half_size()
-    };
-    let seen = run(config);
-    let errors = seen
-        .iter()
-        .filter(|s| s.truth.capture_s[0] > 1.5 && s.step.measured.is_some())
-        .filter_map(|s| Some(s.range_error_m()? / s.truth.range_m?));
-    let relative = rms(errors);
-    assert!(relative < 0.035, "range is off by {relative}");
+    let at_stake = 1.1 * 0.005 / 0.07;
+    for seed in [3, 4] {
+        let config = TwinConfig {
+            path: PathSpec::Cross,
+            seed,
+            seconds: Some(5.0),
+            eye_offset_s: [0.0, 0.005],
+            ..half_size()
+        };
+        let errors = run(config)
+            .iter()
+            .filter(|s| s.truth.capture_s[0] > 1.5 && s.step.measured.is_some())
+            .filter_map(|s| Some(s.range_error_m()? / s.truth.range_m?))
+            .collect::<Vec<_>>();
+        assert!(errors.len() > 80, "{}", errors.len());
+        let relative = rms(errors.into_iter());
+        assert!(
+            relative < 0.6 * at_stake,
+            "seed {seed}: range is off by {relative}"
+        );
+    }
 }
 
 /// The stated deviation of the range covers its error: the mean of the squared ratio is about 1 in the mean over rigs whose zeros are

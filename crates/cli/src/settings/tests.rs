@@ -90,6 +90,8 @@ fn unknown_names_are_told_the_nearest() {
     );
     assert!(message("[rig]\nfocal_length = 1\n").ends_with("the nearest is camera.focal_length"));
     assert!(message("[motors.pan]\ngaer = 3\n").ends_with("the nearest is motors.pan.gear"));
+    assert!(message("[rig]\nbase = 1\n").ends_with("the nearest is rig.interaxial"));
+    assert!(message("[screen]\nipd = 1\n").ends_with("the nearest is screen.interocular"));
     assert!(message("interaxial = 1\n").ends_with("the nearest is rig.interaxial"));
     let unknown = load("", &[("VERGENCE_RIG_PUPLI", "1")], &[])
         .unwrap_err()
