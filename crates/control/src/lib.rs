@@ -36,7 +36,10 @@ pub use controller::{AxisCommand, ControlOutput, Controller, Transition};
 pub use error::ControlError;
 pub use head::{BoxedAxis, HeadConfig, SimulatedHead};
 pub use law::{Nulling, TargetEstimate, shift_px_from_target};
-pub use mode::{AutoThreshold, ModeChange, ModeRequest, ModeSettings, RunningMode};
+pub use mode::{
+    AutoThreshold, MINIMUM_JERK_PEAK, ModeChange, ModeRequest, ModeSettings, RunningMode,
+    minimum_jerk,
+};
 pub use monitor::LimitViolations;
 pub use settings::ControlSettings;
 pub use state::{ControlState, LossTimes};

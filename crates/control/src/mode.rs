@@ -220,10 +220,10 @@ pub struct NullingNow {
 }
 
 /// Largest slope of [`minimum_jerk`].
-pub(crate) const MINIMUM_JERK_PEAK: f64 = 1.875;
+pub const MINIMUM_JERK_PEAK: f64 = 1.875;
 
 /// The minimum-jerk profile from 0 to 1, `10 x³ - 15 x⁴ + 6 x⁵`, and its slope (Flash & Hogan 1985); x is clamped to 0..1.
-pub(crate) fn minimum_jerk(x: f64) -> (f64, f64) {
+pub fn minimum_jerk(x: f64) -> (f64, f64) {
     let x = x.clamp(0.0, 1.0);
     let part = x * x * x * (10.0 + x * (6.0 * x - 15.0));
     (part, 30.0 * (x * (1.0 - x)).powi(2))

@@ -316,7 +316,7 @@ impl Servo {
     ) -> (Option<Measurement>, Option<RangeNote>) {
         let capture_s = pair.capture_s();
         let prior = self.depth_prior(stance, sighting, capture_s);
-        let poses = self.poses_for_a_moving_target(stance, sighting, pair);
+        let poses = self.poses_for_a_moving_target(stance, pair);
         let views = [0, 1].map(|eye| measure::View {
             pyramid: &self.pictures[eye].pyramid,
             camera: &self.cameras[eye],
@@ -344,13 +344,9 @@ impl Servo {
     fn poses_for_a_moving_target(
         &self,
         stance: &Stance,
-        sighting: &Sighting,
         pair: &StereoFrame,
     ) -> [Isometry3<f64>; 2] {
         let mut poses = stance.base_from_cam;
-        if sighting.kind == SightingKind::Found {
-            return poses;
-        }
         let Some(velocity) = self.velocity(pair.capture_s()) else {
             return poses;
         };

@@ -8,10 +8,9 @@
 
 mod synthetic;
 
-use nalgebra::{
-    Isometry3, Matrix3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector3,
-};
+use nalgebra::{Isometry3, Matrix3, Point2, Point3, Translation3, UnitQuaternion, Vector3};
 use synthetic::{Pair, Rig, SENSOR, Scene, Shape, camera, cloth, rig};
+use vergence_calib::RigCalibration;
 use vergence_geometry::{Camera, Distortion, HeadAngles, Intrinsics};
 use vergence_imaging::Gray;
 use vergence_imaging::pyramid::Pyramid;
@@ -409,47 +408,9 @@ fn real_floor_is_flat_and_a_head_is_above_it() {
     assert!((1.4..1.9).contains(&above));
 }
 
-/// Cameras and poses (base = left camera) of the factory's calibration file: entries 1 (left) and 2 (right).
+/// Cameras and poses (base = left camera) of the factory's calibration file.
 fn factory(file: &std::path::Path) -> ([Camera; 2], [Isometry3<f64>; 2]) {
-    let text = std::fs::read_to_string(file).unwrap();
-    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
-    let entry = |i: usize| &json["cameraData"][i][1];
-    let number = |v: &serde_json::Value| v.as_f64().unwrap();
-    let cameras = [1, 2].map(|i| {
-        let (e, k) = (entry(i), &entry(i)["intrinsicMatrix"]);
-        let d: Vec<f64> = e["distortionCoeff"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .map(number)
-            .collect();
-        Camera {
-            intrinsics: Intrinsics {
-                width: 1280,
-                height: 800,
-                fx: number(&k[0][0]),
-                fy: number(&k[1][1]),
-                cx: number(&k[0][2]),
-                cy: number(&k[1][2]),
-            },
-            distortion: Distortion {
-                k1: d[0],
-                k2: d[1],
-                p1: d[2],
-                p2: d[3],
-                k3: d[4],
-                k4: d[5],
-                k5: d[6],
-                k6: d[7],
-            },
-        }
-    });
-    let e = &entry(1)["extrinsics"];
-    let turn = Matrix3::from_fn(|r, c| number(&e["rotationMatrix"][r][c]));
-    let shift = ["x", "y", "z"].map(|a| number(&e["translation"][a]) / 100.0);
-    let right_from_left = Isometry3::from_parts(
-        Translation3::new(shift[0], shift[1], shift[2]),
-        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix(&turn)),
-    );
-    (cameras, [Isometry3::identity(), right_from_left.inverse()])
+    let rig = RigCalibration::read(file, None).unwrap();
+    let [left, right] = rig.base_from_cam;
+    (rig.cameras, [Isometry3::identity(), left.inverse() * right])
 }

@@ -16,8 +16,6 @@ pub(crate) struct Range {
     pub(crate) distance_m: f64,
     /// Weighted normalised correlation at the best distance, -1 to 1.
     pub(crate) score: f64,
-    /// How much the best score exceeds the best one elsewhere (beyond the peak), 0 or more.
-    pub(crate) margin: f64,
     /// Disparity step that one standard deviation of distance corresponds to, 1/m.
     pub(crate) sigma_inverse_m: f64,
 }
@@ -73,10 +71,9 @@ impl Sweep {
             let score = self.score(right, &lens, patch, far + step * k as f64);
             self.scores.push(score.unwrap_or(f64::NEG_INFINITY));
         }
-        best_of(&self.scores).map(|(at, score, margin)| Range {
+        best_of(&self.scores).map(|(at, score)| Range {
             distance_m: 1.0 / (far + at * step).max(1e-3),
             score,
-            margin,
             sigma_inverse_m: step * (1.2 - score.clamp(0.0, 1.0)),
         })
     }
@@ -175,38 +172,19 @@ fn correlation(left: &[f32], right: &[f32], weights: Option<&[f32]>) -> Option<f
     (variance >= 1.0).then(|| lr / w / variance.sqrt())
 }
 
-/// Position of the largest score with a parabola's fraction, its value, and its lead over the rest of the sweep.
-fn best_of(scores: &[f64]) -> Option<(f64, f64, f64)> {
+/// Position of the largest score with a parabola's fraction, and its value.
+fn best_of(scores: &[f64]) -> Option<(f64, f64)> {
     let best = (0..scores.len()).max_by(|&a, &b| scores[a].total_cmp(&scores[b]))?;
     let top = scores[best];
     if !top.is_finite() {
         return None;
     }
-    // Walk down both flanks; what is left is the competition.
-    let mut low = best;
-    while low > 0 && scores[low - 1] <= scores[low] {
-        low -= 1;
-    }
-    let mut high = best;
-    while high + 1 < scores.len() && scores[high + 1] <= scores[high] {
-        high += 1;
-    }
-    let rival = scores[..low]
-        .iter()
-        .chain(&scores[high + 1..])
-        .copied()
-        .fold(f64::NEG_INFINITY, f64::max);
-    let margin = if rival.is_finite() {
-        top - rival
-    } else {
-        top.max(0.0)
-    };
     let fraction = if best > 0 && best + 1 < scores.len() {
         vertex(scores[best - 1], top, scores[best + 1])
     } else {
         0.0
     };
-    Some((best as f64 + fraction, top, margin))
+    Some((best as f64 + fraction, top))
 }
 
 /// Vertex of the parabola through three equally spaced values, relative to the middle one; 0 when there is none.

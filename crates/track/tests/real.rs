@@ -8,6 +8,7 @@
 use std::path::PathBuf;
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use vergence_calib::RigCalibration;
 use vergence_geometry::{Camera, Distortion, Intrinsics};
 use vergence_imaging::files::read_gray;
 use vergence_imaging::pyramid::Pyramid;
@@ -36,15 +37,6 @@ fn number(text: &str, key: &str) -> f64 {
         .find(|c: char| !(c.is_ascii_digit() || "+-.e".contains(c)))
         .unwrap();
     rest[..to].parse().unwrap()
-}
-
-fn numbers(text: &str, key: &str, count: usize) -> Vec<f64> {
-    let from = text.find(key).unwrap() + key.len();
-    text[from..]
-        .split(|c: char| !(c.is_ascii_digit() || "+-.e".contains(c)))
-        .filter_map(|w| w.parse().ok())
-        .take(count)
-        .collect()
 }
 
 /// Street, one camera, a person given by its first box: the box stays on that person (who is never fully hidden) for 40
@@ -122,49 +114,8 @@ fn person_under_the_ceiling_is_found_and_followed() {
     let Some(dir) = data("overhead_stereo") else {
         return;
     };
-    let file = std::fs::read_to_string(dir.join("calib.json")).unwrap();
-    let compact: String = file.split_whitespace().collect();
-    let entry = |socket: usize| {
-        let from = compact
-            .find(&format!("[{socket},{{\"cameraType\""))
-            .unwrap();
-        &compact[from..]
-    };
-    let camera = |text: &str| {
-        let k = numbers(text, "\"intrinsicMatrix\"", 9);
-        let d = numbers(text, "\"distortionCoeff\"", 8);
-        Camera {
-            intrinsics: Intrinsics {
-                width: 1280,
-                height: 800,
-                fx: k[0],
-                fy: k[4],
-                cx: k[2],
-                cy: k[5],
-            },
-            distortion: Distortion {
-                k1: d[0],
-                k2: d[1],
-                p1: d[2],
-                p2: d[3],
-                k3: d[4],
-                k4: d[5],
-                k5: d[6],
-                k6: d[7],
-            },
-        }
-    };
-    let cameras = [camera(entry(1)), camera(entry(2))];
-    let r = numbers(entry(1), "\"rotationMatrix\"", 9);
-    // Centimetres in the file; the second group named "translation" is the measured one.
-    let t = entry(1);
-    let t = &t[t.find("\"translation\"").unwrap()..];
-    let t = ["\"x\"", "\"y\"", "\"z\""].map(|k| number(t, k) / 100.0);
-    let right_from_left = Isometry3::from_parts(
-        Translation3::new(t[0], t[1], t[2]),
-        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix(&Matrix3::from_row_slice(&r))),
-    );
-    let poses = [Isometry3::identity(), right_from_left.inverse()];
+    let rig = RigCalibration::read(&dir.join("calib.json"), None).unwrap();
+    let (cameras, poses) = (rig.cameras, rig.base_from_cam);
     let mut follower = Follower::new(FollowSettings {
         posture: Posture::Any,
         ..FollowSettings::default()

@@ -2,7 +2,9 @@
 
 use serde::Serialize;
 use vergence_capture::Clock;
-use vergence_control::{AxisName, AxisSetpoint, AxisState, BoxedAxis, ControlSettings};
+use vergence_control::{
+    AxisName, AxisSetpoint, AxisState, BoxedAxis, ControlSettings, MINIMUM_JERK_PEAK, minimum_jerk,
+};
 
 /// Between two looks at the axes, s: well within the time after which an axis that hears nothing holds by itself.
 const LOOK_S: f64 = 0.02;
@@ -15,9 +17,6 @@ const PARK_MOST_S: f64 = 12.0;
 
 /// Slower than this is standing, rad/s (0.0006°/s).
 const STANDING_RAD_S: f64 = 1e-5;
-
-/// Largest slope of the way to the park angle, `3x² - 2x³`, over its mean slope.
-const EASED_PEAK: f64 = 1.5;
 
 /// How the axes were left.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -105,19 +104,19 @@ fn park(
     }
     let longest = ways.iter().map(|(_, from, to)| (to - from).abs());
     let longest = longest.fold(0.0, f64::max);
-    let duration_s = (EASED_PEAK * longest / settings.park_speed_rad_s).max(LOOK_S);
+    let duration_s = (MINIMUM_JERK_PEAK * longest / settings.park_speed_rad_s).max(LOOK_S);
     if duration_s > PARK_MOST_S {
         return false;
     }
     loop {
         // For the next look, so that the axis is on its way there when it comes.
         let at_s = clock.now_s() + LOOK_S;
-        let x = ((at_s - start_s) / duration_s).clamp(0.0, 1.0);
+        let (part, slope) = minimum_jerk((at_s - start_s) / duration_s);
         for (name, from, to) in &ways {
             let setpoint = AxisSetpoint {
                 time_s: at_s,
-                position_rad: from + (to - from) * x * x * (3.0 - 2.0 * x),
-                velocity_rad_s: (to - from) * 6.0 * x * (1.0 - x) / duration_s,
+                position_rad: from + (to - from) * part,
+                velocity_rad_s: (to - from) * slope / duration_s,
             };
             let answer = axes[name.index()].command(&setpoint, clock.now_s());
             if note(faults, answer) {

@@ -15,7 +15,7 @@ use super::record::Row;
 use super::sample::{Sample, Small};
 use super::shown::Electronic;
 use super::still::{Scene, Still};
-use super::summary::{ActionChange, Facts, MOST_EVENTS, ModeChange, Rows, Summary, Wall};
+use super::summary::{Change, Facts, MOST_EVENTS, Rows, Summary, Wall};
 use super::view::{Screening, row_from_step};
 
 /// The stated time from the arrival of a pair to its setpoints in a simulated run, s: what the loop takes on two cores with
@@ -241,7 +241,7 @@ impl Log {
     fn take_events(&mut self, step: &Step) {
         let facts = &mut self.facts;
         if let Some(change) = &step.mode_change {
-            let change = ModeChange {
+            let change = Change {
                 time_s: change.time_s,
                 from: change.from.name(),
                 to: change.to.name(),
@@ -250,7 +250,7 @@ impl Log {
             facts.events_left_out += push(&mut facts.mode_changes, change);
         }
         if let Some(change) = step.control.as_ref().and_then(|c| c.transition.as_ref()) {
-            let change = ActionChange {
+            let change = Change {
                 time_s: change.time_s,
                 from: change.from.name(),
                 to: change.to.name(),
@@ -277,7 +277,7 @@ impl Log {
 }
 
 /// Add an event to a list that holds at most [`MOST_EVENTS`]; how many were left out, 0 or 1.
-fn push<T>(events: &mut Vec<T>, event: T) -> u64 {
+fn push(events: &mut Vec<Change>, event: Change) -> u64 {
     if events.len() == MOST_EVENTS {
         return 1;
     }

@@ -35,8 +35,8 @@ pub(crate) struct Summary {
     pub(crate) dropped_pairs: u64,
     pub(crate) interrupted: bool,
     pub(crate) failed: Option<String>,
-    pub(crate) mode_changes: Vec<ModeChange>,
-    pub(crate) transitions: Vec<ActionChange>,
+    pub(crate) mode_changes: Vec<Change>,
+    pub(crate) transitions: Vec<Change>,
     pub(crate) events_left_out: u64,
     pub(crate) target: Target,
     pub(crate) vergence_error_px: Option<Spread>,
@@ -52,18 +52,9 @@ pub(crate) struct Summary {
     pub(crate) rest: Option<Rest>,
 }
 
-/// One change of mode.
+/// One change: of the mode, or of what the controller does.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct ModeChange {
-    pub(crate) time_s: f64,
-    pub(crate) from: &'static str,
-    pub(crate) to: &'static str,
-    pub(crate) reason: String,
-}
-
-/// One change of what the controller does.
-#[derive(Clone, Debug, Serialize)]
-pub(crate) struct ActionChange {
+pub(crate) struct Change {
     pub(crate) time_s: f64,
     pub(crate) from: &'static str,
     pub(crate) to: &'static str,
@@ -133,8 +124,8 @@ pub(crate) struct Facts {
     pub(crate) dropped_pairs: u64,
     pub(crate) interrupted: bool,
     pub(crate) failed: Option<String>,
-    pub(crate) mode_changes: Vec<ModeChange>,
-    pub(crate) transitions: Vec<ActionChange>,
+    pub(crate) mode_changes: Vec<Change>,
+    pub(crate) transitions: Vec<Change>,
     pub(crate) events_left_out: u64,
     pub(crate) limit_violations: u64,
     pub(crate) rest: Option<Rest>,
