@@ -9,12 +9,13 @@ use serde_json::Value;
 
 /// The layer of each crate (ARCHITECTURE.md). A crate may depend on crates of lower layers only; dev-dependencies are
 /// free, because tests are where crates of one layer may meet.
-const LAYERS: [(&str, u8); 10] = [
+const LAYERS: [(&str, u8); 11] = [
     ("vergence-geometry", 0),
     ("vergence-imaging", 0),
     ("vergence-scene", 1),
     ("vergence-calib", 1),
     ("vergence-stereo", 1),
+    ("vergence-quality", 1),
     ("vergence-track", 1),
     ("vergence-control", 1),
     ("vergence-capture", 2),

@@ -10,6 +10,7 @@
 pub mod compose;
 pub mod electronic;
 pub mod error;
+pub mod faults;
 pub mod measure;
 pub mod triangulate;
 
