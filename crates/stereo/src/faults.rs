@@ -3,6 +3,16 @@
 //! Words, signs and units are those of `CONVENTIONS.md`; pixels are pixels of the picture as given, vertical disparity is
 //! `v_l - v_r` (down), disparity `u_l - u_r` (crossed positive).
 
+pub mod cuts;
+pub mod ghosting;
+pub mod noise;
+pub mod photometry;
+pub mod shape;
+pub mod sharpness;
+pub mod swap;
+pub mod time;
+pub mod window;
+
 use nalgebra::Point2;
 use vergence_geometry::StereoArray;
 use vergence_geometry::comfort::Viewing;

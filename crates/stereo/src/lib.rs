@@ -8,9 +8,11 @@
 )]
 
 pub mod compose;
+pub mod dense;
 pub mod electronic;
 pub mod error;
 pub mod faults;
+pub mod fuse;
 pub mod measure;
 pub mod triangulate;
 
