@@ -292,7 +292,7 @@ fn unreadable_pictures() {
     }
     let error = source.next_pair(None).unwrap_err().to_string();
     assert!(
-        error.contains("not a readable PNG or JPEG") && error.ends_with("left_0002.png"),
+        error.contains("not a readable picture") && error.ends_with("left_0002.png"),
         "{error}"
     );
     assert!(
@@ -355,7 +355,7 @@ fn broken_jpegs_are_refused() {
         config.unreadable = OnFault::Refuse;
         let error = complaint(&config);
         assert!(
-            error.contains("not a readable PNG or JPEG") && error.ends_with("1.jpg"),
+            error.contains("not a readable picture") && error.ends_with("1.jpg"),
             "{error}"
         );
         config.unreadable = OnFault::Skip;

@@ -1,10 +1,13 @@
-//! Picture files: PNG and JPEG, read with limits and written whole or not at all.
+//! Picture files: read with limits, written whole or not at all.
+//!
+//! Read are PNG, JPEG, TIFF, WebP, BMP, GIF and PNM (PBM, PGM, PPM), known by their content; the name does not count.
+
+mod formats;
 
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use crate::colour::rgb_from_luma;
-use crate::jpeg;
 use crate::plane::{Gray, Rgb};
 
 /// Largest side of a picture that is read, pixels: a limit against files that lie about their size.
@@ -32,8 +35,8 @@ pub enum ImageError {
         /// Which file.
         path: PathBuf,
     },
-    /// The file is there but is no readable picture (PNG or JPEG, sides up to [`MAX_SIDE`]).
-    #[error("not a readable PNG or JPEG picture ({reason}): {path}")]
+    /// The file is there but is no readable picture (sides up to [`MAX_SIDE`]).
+    #[error("not a readable picture ({reason}): {path}")]
     Decode {
         /// The decoder's reason.
         reason: String,
@@ -50,11 +53,41 @@ pub enum ImageError {
     },
 }
 
-/// Read a picture as RGB; grey files become RGB with equal channels, alpha is dropped, 16 bits become 8. A JPEG file of which
-/// anything is missing is an error; what is counted stands in `jpeg.rs`.
+/// A picture as it is shown, and what one should know of how it came out of its file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ShownPicture {
+    /// The picture.
+    pub picture: Rgb,
+    /// One clause each, "transparent parts lie on mid-grey"; empty for most files.
+    pub remarks: Vec<String>,
+}
+
+/// Read a picture as RGB, its pixels as they lie in the file; grey files become RGB with equal channels, alpha is dropped, 16 bits
+/// become 8. A JPEG file of which anything is missing is an error; what is counted stands in `jpeg.rs`.
 pub fn read_rgb(path: &Path) -> Result<Rgb, ImageError> {
     let bytes = read_bytes(path, MAX_FILE_BYTES)?;
-    decoded(path, || rgb_from_bytes(&bytes))
+    decoded(path, || formats::stored_from_bytes(&bytes))
+}
+
+/// Read a picture as a viewer shows it: turned as its tag of orientation says, what is transparent laid on mid-grey (128), 16 bits
+/// rounded to 8, of an animation or of several pages the first. Whatever was done stands in the remarks.
+pub fn read_shown(path: &Path) -> Result<ShownPicture, ImageError> {
+    shown_from_bytes(&read_whole(path)?, path)
+}
+
+/// [`read_shown`] of bytes that are in memory; `path` is for the error.
+pub fn shown_from_bytes(bytes: &[u8], path: &Path) -> Result<ShownPicture, ImageError> {
+    decoded(path, || formats::shown_from_bytes(bytes))
+}
+
+/// All bytes of a picture file, at most [`MAX_FILE_BYTES`].
+pub fn read_whole(path: &Path) -> Result<Vec<u8>, ImageError> {
+    read_bytes(path, MAX_FILE_BYTES)
+}
+
+/// Width and height by the header of bytes that are in memory (the beginning of the file is often enough); before any turning.
+pub fn size_from_bytes(bytes: &[u8], path: &Path) -> Result<(usize, usize), ImageError> {
+    decoded(path, || formats::size_from_bytes(bytes))
 }
 
 /// Read a picture as grey (luma of BT.601 for colour files).
@@ -66,10 +99,10 @@ pub fn read_gray(path: &Path) -> Result<Gray, ImageError> {
 /// header is not at its beginning (behind a large colour profile, say) more is read.
 pub fn read_size(path: &Path) -> Result<(usize, usize), ImageError> {
     let start = read_start(path, HEADER_BYTES)?;
-    let size = match decoded(path, || size_from_bytes(&start)) {
+    let size = match decoded(path, || formats::size_from_bytes(&start)) {
         Err(_) if start.len() as u64 == HEADER_BYTES => {
             let bytes = read_bytes(path, MAX_FILE_BYTES)?;
-            decoded(path, || size_from_bytes(&bytes))
+            decoded(path, || formats::size_from_bytes(&bytes))
         }
         found => found,
     }?;
@@ -94,36 +127,6 @@ fn decoded<T>(path: &Path, decode: impl Fn() -> Result<T, String>) -> Result<T, 
             reason,
             path: path.to_owned(),
         })
-}
-
-fn rgb_from_bytes(bytes: &[u8]) -> Result<Rgb, String> {
-    if bytes.starts_with(&jpeg::START) {
-        return jpeg::rgb_from_jpeg(bytes);
-    }
-    let mut limits = image::Limits::default();
-    limits.max_image_width = Some(MAX_SIDE);
-    limits.max_image_height = Some(MAX_SIDE);
-    limits.max_alloc = Some(MAX_DECODE_BYTES);
-    let mut reader = png_reader(bytes);
-    reader.limits(limits);
-    let picture = reader.decode().map_err(|e| e.to_string())?.into_rgb8();
-    let (w, h) = (picture.width() as usize, picture.height() as usize);
-    let samples = picture.pixels().map(|p| p.0).collect();
-    Ok(Rgb::from_samples(w, h, samples))
-}
-
-fn size_from_bytes(bytes: &[u8]) -> Result<(usize, usize), String> {
-    if bytes.starts_with(&jpeg::START) {
-        return jpeg::size_from_jpeg(bytes);
-    }
-    let (w, h) = png_reader(bytes)
-        .into_dimensions()
-        .map_err(|e| e.to_string())?;
-    Ok((w as usize, h as usize))
-}
-
-fn png_reader(bytes: &[u8]) -> image::ImageReader<std::io::Cursor<&[u8]>> {
-    image::ImageReader::with_format(std::io::Cursor::new(bytes), image::ImageFormat::Png)
 }
 
 /// The whole file, unless it is larger than `limit` bytes.
@@ -302,7 +305,7 @@ mod tests {
             std::fs::write(&path, bytes).unwrap();
             let error = read_rgb(&path).unwrap_err().to_string();
             assert!(
-                error.starts_with("not a readable PNG or JPEG picture (") && error.ends_with(name),
+                error.starts_with("not a readable picture (") && error.ends_with(name),
                 "{error}"
             );
         }

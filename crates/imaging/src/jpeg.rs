@@ -22,6 +22,11 @@ const MAX_PADDING: usize = 8;
 /// Every JPEG file begins with these bytes.
 pub(crate) const START: [u8; 3] = [0xff, 0xd8, 0xff];
 
+/// What is said of a file for a press. Files disagree about whether 0 is no ink or full ink, and what the inks look like is said by
+/// profiles that are not read.
+pub(crate) const PRINT_COLOURS: &str =
+    "its colours are CMYK, for printing; convert it to RGB and read that";
+
 const BROKEN_OFF: &str = "its data break off";
 
 /// The picture, or what is wrong with the file.
@@ -29,6 +34,9 @@ pub(crate) fn rgb_from_jpeg(bytes: &[u8]) -> Result<Rgb, String> {
     check(bytes)?;
     let mut decoder = decoder(bytes);
     decoder.decode_headers().map_err(|e| e.to_string())?;
+    if let Some(ColorSpace::CMYK | ColorSpace::YCCK) = decoder.input_colorspace() {
+        return Err(PRINT_COLOURS.to_owned());
+    }
     let grey = decoder.input_colorspace() == Some(ColorSpace::Luma);
     let colours = if grey {
         ColorSpace::Luma

@@ -10,6 +10,8 @@ mod jpeg;
 pub mod plane;
 pub mod pyramid;
 pub mod sample;
+pub mod stereo_file;
+mod tags;
 
 pub use files::ImageError;
 pub use plane::{Gray, Plane, Rgb};
