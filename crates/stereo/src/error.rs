@@ -14,6 +14,16 @@ pub enum StereoError {
         /// Width and height of the right picture.
         right: (usize, usize),
     },
+    /// A picture that is too small to be matched.
+    #[error("the pictures are {width} x {height} pixels, at least {least} x {least} are needed")]
+    TooSmall {
+        /// Width of the pictures.
+        width: usize,
+        /// Height of the pictures.
+        height: usize,
+        /// Least side.
+        least: usize,
+    },
     /// A picture does not belong to its camera.
     #[error("the picture is {picture:?} pixels but its camera's is {camera:?}")]
     SizeOfCamera {
