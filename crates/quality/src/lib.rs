@@ -8,4 +8,4 @@ pub mod model;
 
 pub use error::QualityError;
 pub use features::{FEATURE_COUNT, Features, features_from_gray};
-pub use model::{DISTORTIONS, Distortion, Model, Score};
+pub use model::{DISTORTIONS, Distortion, Model, ModelError, Score};
