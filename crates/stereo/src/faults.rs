@@ -20,8 +20,10 @@ pub mod window;
 use nalgebra::Point2;
 use vergence_geometry::StereoArray;
 use vergence_geometry::comfort::Viewing;
+use vergence_imaging::Rgb;
+use vergence_imaging::colour::luma_from_rgb;
 
-use alignment::Alignment;
+use alignment::{Alignment, Estimate, Focal};
 use lens::LensMismatch;
 use matching::Matches;
 use parallax::ParallaxRange;
@@ -48,10 +50,29 @@ pub struct Limits {
     pub source: &'static str,
 }
 
+/// Standard deviations that a value must be beyond a limit before it counts: noise alone raises no alarm.
+const SURE: f64 = 2.0;
+
+impl Limits {
+    /// The verdict on a value that is known to a standard deviation `sigma`.
+    pub fn verdict(&self, value: f64, sigma: f64) -> Verdict {
+        let least = value.abs() - SURE * sigma;
+        if least > self.bad {
+            Verdict::Bad
+        } else if least > self.look {
+            Verdict::Look
+        } else {
+            Verdict::Good
+        }
+    }
+}
+
 /// The causes that are measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Cause {
+    /// All vertical disparity together.
+    VerticalParallax,
     /// Constant vertical offset.
     VerticalOffset,
     /// Roll of one picture against the other.
@@ -117,6 +138,40 @@ pub struct Finding {
     pub meaning: String,
 }
 
+impl Finding {
+    /// A finding with its verdict. `what` and `remedy` are clauses without a full stop; the remedy is told when the verdict is
+    /// not good.
+    pub(crate) fn judged(
+        cause: Cause,
+        estimate: Estimate,
+        unit: &'static str,
+        limits: Limits,
+        what: &str,
+        remedy: &str,
+    ) -> Self {
+        let verdict = limits.verdict(estimate.value, estimate.sigma);
+        let meaning = if verdict == Verdict::Good && estimate.sigma > limits.bad {
+            format!(
+                "cannot be told from these pictures (known to ±{:.2} {unit} only)",
+                estimate.sigma
+            )
+        } else if verdict == Verdict::Good {
+            what.to_owned()
+        } else {
+            format!("{what}: {remedy}")
+        };
+        Self {
+            cause,
+            value: estimate.value,
+            sigma: Some(estimate.sigma),
+            unit,
+            limits,
+            verdict,
+            meaning,
+        }
+    }
+}
+
 /// What is known beside the two pictures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Conditions {
@@ -126,6 +181,9 @@ pub struct Conditions {
     pub crosstalk: f64,
     /// The rig that took the pair, where it is known.
     pub rig: Option<StereoArray>,
+    /// Width of the part of the sensor that the pictures show, metres, where it is known: with the rig's focal length it gives the
+    /// field of view.
+    pub sensor_width_m: Option<f64>,
 }
 
 /// One point seen in both pictures.
@@ -139,7 +197,7 @@ pub struct PointMatch {
     pub sigma_px: f64,
 }
 
-/// Everything measured on one pair, built by `faults::measure(&left, &right, &conditions)`.
+/// Everything measured on one pair, built by [`measure`].
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct PairFaults {
@@ -247,4 +305,96 @@ pub enum Refusal {
         /// What would be right.
         needed: &'static str,
     },
+}
+
+/// Measure a pair: matches, alignment, parallax, lens.
+///
+/// # Errors
+/// A [`Refusal`] when the pictures cannot be judged, or the conditions hold a number that means nothing.
+pub fn measure(left: &Rgb, right: &Rgb, conditions: &Conditions) -> Result<PairFaults, Refusal> {
+    conditions.checked()?;
+    if left.size() != right.size() {
+        return Err(Refusal::SizesDiffer {
+            left: left.size(),
+            right: right.size(),
+        });
+    }
+    let size = left.size();
+    let viewing = &conditions.viewing;
+    let matches = matching::matched(&luma_from_rgb(left), &luma_from_rgb(right))?;
+    let (alignment, fit) = alignment::aligned(&matches, conditions.focal(size))?;
+    let parallax = parallax::range(&matches, viewing);
+    let lens = lens::mismatch(&fit, size);
+    let mut findings = alignment::findings(&alignment, &parallax, viewing, size);
+    findings.extend(parallax::findings(&parallax, viewing));
+    findings.push(lens::finding(&lens, viewing, size));
+    findings.sort_by_key(|finding| finding.cause as usize);
+    Ok(PairFaults {
+        size,
+        matches,
+        alignment,
+        parallax,
+        lens,
+        findings,
+    })
+}
+
+impl Conditions {
+    /// A screen and a viewer, no crosstalk, nothing known of the rig.
+    pub fn new(viewing: Viewing) -> Self {
+        Self {
+            viewing,
+            crosstalk: 0.0,
+            rig: None,
+            sensor_width_m: None,
+        }
+    }
+
+    /// The focal length in pixels of a picture of this size: of the rig, else one picture width, said to be assumed.
+    pub fn focal(&self, size: (usize, usize)) -> Focal {
+        match (self.rig, self.sensor_width_m) {
+            (Some(rig), Some(width_m)) => Focal {
+                px: rig.focal_m / width_m * size.0 as f64,
+                assumed: false,
+            },
+            _ => Focal::assumed(size),
+        }
+    }
+
+    fn checked(&self) -> Result<(), Refusal> {
+        let viewing = &self.viewing;
+        let mut numbers = vec![
+            ("the viewing distance in metres", viewing.viewer.distance_m),
+            (
+                "the separation of the eyes in metres",
+                viewing.viewer.interocular_m,
+            ),
+            ("the screen's width in metres", viewing.screen_width_m),
+        ];
+        numbers.extend(
+            self.rig
+                .map(|rig| ("the focal length in metres", rig.focal_m)),
+        );
+        numbers.extend(
+            self.sensor_width_m
+                .map(|width| ("the sensor's width in metres", width)),
+        );
+        for (what, value) in numbers {
+            if !(value > 0.0 && value.is_finite()) {
+                return Err(Refusal::OutOfRange {
+                    what,
+                    value,
+                    needed: "a number above 0",
+                });
+            }
+        }
+        if !(0.0..=1.0).contains(&self.crosstalk) {
+            return Err(Refusal::OutOfRange {
+                what: "the crosstalk",
+                value: self.crosstalk,
+                needed: "a share from 0 to 1",
+            });
+        }
+        Ok(())
+    }
 }

@@ -16,7 +16,7 @@ mod epipolar;
 mod fusion;
 mod patch;
 mod patches;
-mod refine;
+pub(crate) mod refine;
 mod search;
 
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3};
