@@ -133,11 +133,8 @@ fn classifier_from(text: LibsvmText<'_>) -> Result<Classifier, ModelError> {
     }
     let range = Range::read(text)?;
     let coefficients = svm.vectors.iter().map(|(row, _)| {
-        let column = |c: usize| row.get(c).copied();
-        match [column(0), column(1), column(2), column(3)] {
-            [Some(a), Some(b), Some(c), Some(d)] => Ok([a, b, c, d]),
-            _ => Err(svm.wrong("a support vector has not four coefficients".to_owned())),
-        }
+        <[f64; CLASSES - 1]>::try_from(row.as_slice())
+            .map_err(|_| svm.wrong("a support vector has not four coefficients".to_owned()))
     });
     Ok(Classifier {
         labels,

@@ -268,7 +268,6 @@ impl Head {
     fn first(rest: &mut &[u8]) -> Result<Self, ModelError> {
         let flags = Element::first(rest, Padding::Always)?;
         let flags = u32_at(flags.body, 0)?;
-        // Objects of newer kinds have no sizes of their own.
         let dims = Element::first(rest, Padding::Always)?.counts()?;
         let name = Element::first(rest, Padding::Always)?;
         Ok(Self {
@@ -306,10 +305,12 @@ impl Reader<'_> {
         wanted: &[&str],
     ) -> Result<Option<(String, Value)>, ModelError> {
         let mut rest = body;
-        let Ok(head) = Head::first(&mut rest) else {
-            // Objects have other heads; nobody wants one.
+        let flags = Element::first(&mut &*rest, Padding::Always)?;
+        if u32_at(flags.body, 0)? & 0xff > 15 {
+            // Function handles and objects have other heads; nobody wants one.
             return Ok(None);
-        };
+        }
+        let head = Head::first(&mut rest)?;
         if !wanted.contains(&head.name.as_str()) {
             return Ok(None);
         }
