@@ -5,6 +5,7 @@
 pub mod avi;
 pub mod colour;
 pub mod fft;
+pub mod fft64;
 pub mod files;
 mod jpeg;
 pub mod plane;

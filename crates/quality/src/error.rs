@@ -13,6 +13,9 @@ pub enum QualityError {
         /// Height in pixels.
         height: usize,
     },
+    /// A sample is infinite or not a number.
+    #[error("the picture has samples that are not finite numbers")]
+    NotANumber,
     /// A picture without any variation: nothing to normalise by.
     #[error("the picture is constant (or a band of it is): the index is not defined")]
     Constant,

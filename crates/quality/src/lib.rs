@@ -7,5 +7,7 @@ pub mod features;
 pub mod model;
 
 pub use error::QualityError;
-pub use features::{FEATURE_COUNT, Features, features_from_gray};
+pub use features::{
+    FEATURE_COUNT, FEATURE_NAMES, Features, features_from_gray, features_from_plane, grey_from_rgb,
+};
 pub use model::{DISTORTIONS, Distortion, Model, ModelError, Score};

@@ -1,0 +1,356 @@
+//! Two-dimensional discrete Fourier transforms in double precision, of any size, on the threads of the current rayon
+//! pool. The same bytes come out whatever the number of threads.
+//!
+//! Forward transforms are not scaled; inverse ones divide by the number of samples.
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+use rustfft::{Fft, FftPlanner};
+
+/// A complex number of a spectrum.
+pub type Complex64 = rustfft::num_complex::Complex<f64>;
+
+const ZERO: Complex64 = Complex64::new(0.0, 0.0);
+
+/// Columns (or rows) handled together: 16 complex numbers are four cache lines, so that strided access uses whole lines.
+const BLOCK: usize = 16;
+
+/// Transforms of complex planes, `width` x `height`, row by row, in place and on one thread.
+#[derive(Clone)]
+pub struct ComplexFft2 {
+    width: usize,
+    height: usize,
+    forward: [Arc<dyn Fft<f64>>; 2],
+    inverse: [Arc<dyn Fft<f64>>; 2],
+}
+
+impl std::fmt::Debug for ComplexFft2 {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "ComplexFft2({} x {})", self.width, self.height)
+    }
+}
+
+impl ComplexFft2 {
+    /// Plan transforms of `width` x `height`.
+    ///
+    /// # Panics
+    /// When a side is zero.
+    pub fn new(width: usize, height: usize) -> Self {
+        assert!(width > 0 && height > 0, "a side of {width} x {height} is 0");
+        let mut planner = FftPlanner::new();
+        Self {
+            width,
+            height,
+            forward: [width, height].map(|n| planner.plan_fft_forward(n)),
+            inverse: [width, height].map(|n| planner.plan_fft_inverse(n)),
+        }
+    }
+
+    /// Spectrum in place: element `l * width + k` belongs to frequency `k` along x and `l` along y.
+    ///
+    /// # Panics
+    /// When `samples` has another length than `width * height`.
+    pub fn forward(&self, samples: &mut [Complex64]) {
+        self.transform(&self.forward, samples);
+    }
+
+    /// Undoes [`Self::forward`] in place.
+    ///
+    /// # Panics
+    /// When `samples` has another length than `width * height`.
+    pub fn inverse(&self, samples: &mut [Complex64]) {
+        self.transform(&self.inverse, samples);
+        let scale = 1.0 / (self.width * self.height) as f64;
+        for sample in samples {
+            *sample *= scale;
+        }
+    }
+
+    fn transform(&self, [row, column]: &[Arc<dyn Fft<f64>>; 2], samples: &mut [Complex64]) {
+        let (width, height) = (self.width, self.height);
+        assert_eq!(samples.len(), width * height, "samples");
+        let scratch = row
+            .get_inplace_scratch_len()
+            .max(column.get_inplace_scratch_len());
+        let mut scratch = vec![ZERO; scratch];
+        row.process_with_scratch(samples, &mut scratch);
+        let mut block = vec![ZERO; BLOCK * height];
+        for left in (0..width).step_by(BLOCK) {
+            let count = BLOCK.min(width - left);
+            for (y, samples) in samples.chunks_exact(width).enumerate() {
+                for (i, &sample) in samples[left..left + count].iter().enumerate() {
+                    block[i * height + y] = sample;
+                }
+            }
+            column.process_with_scratch(&mut block[..count * height], &mut scratch);
+            for (y, samples) in samples.chunks_exact_mut(width).enumerate() {
+                for (i, sample) in samples[left..left + count].iter_mut().enumerate() {
+                    *sample = block[i * height + y];
+                }
+            }
+        }
+    }
+}
+
+/// Transforms between real planes, `width` x `height`, row by row, and their half spectra.
+///
+/// A half spectrum is stored column by column: element `k * height + l` belongs to frequency `k` along x
+/// (`0 ..= width / 2`) and `l` along y (`l > height / 2` stands for `l - height`); the other half follows from the
+/// symmetry of real input. Rows are transformed two at a time, one as the real and one as the imaginary part.
+#[derive(Clone)]
+pub struct RealFft2 {
+    width: usize,
+    height: usize,
+    forward: [Arc<dyn Fft<f64>>; 2],
+    inverse: [Arc<dyn Fft<f64>>; 2],
+}
+
+impl std::fmt::Debug for RealFft2 {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "RealFft2({} x {})", self.width, self.height)
+    }
+}
+
+impl RealFft2 {
+    /// Plan transforms of `width` x `height`, any positive sides.
+    ///
+    /// # Panics
+    /// When a side is zero.
+    pub fn new(width: usize, height: usize) -> Self {
+        let ComplexFft2 {
+            forward, inverse, ..
+        } = ComplexFft2::new(width, height);
+        Self {
+            width,
+            height,
+            forward,
+            inverse,
+        }
+    }
+
+    /// Columns of a half spectrum: `width / 2 + 1`.
+    pub fn bins(&self) -> usize {
+        self.width / 2 + 1
+    }
+
+    /// The half spectrum of a real plane.
+    ///
+    /// # Panics
+    /// When `plane` has another length than `width * height`.
+    pub fn forward(&self, plane: &[f64]) -> Vec<Complex64> {
+        assert_eq!(plane.len(), self.width * self.height, "samples");
+        let (height, bins) = (self.height, self.bins());
+        let rows = self.row_spectra(plane);
+        let mut spectrum = vec![ZERO; bins * height];
+        let column = &self.forward[1];
+        spectrum
+            .par_chunks_mut(BLOCK * height)
+            .enumerate()
+            .for_each_init(
+                || vec![ZERO; column.get_inplace_scratch_len()],
+                |scratch, (block, columns)| {
+                    let left = block * BLOCK;
+                    let count = columns.len() / height;
+                    for (y, row) in rows.chunks_exact(bins).enumerate() {
+                        for (i, &value) in row[left..left + count].iter().enumerate() {
+                            columns[i * height + y] = value;
+                        }
+                    }
+                    column.process_with_scratch(columns, scratch);
+                },
+            );
+        spectrum
+    }
+
+    /// The half spectra of all rows, row by row.
+    fn row_spectra(&self, plane: &[f64]) -> Vec<Complex64> {
+        let (width, bins) = (self.width, self.bins());
+        let mut rows = vec![ZERO; bins * self.height];
+        let plan = &self.forward[0];
+        rows.par_chunks_mut(BLOCK * bins)
+            .zip(plane.par_chunks(BLOCK * width))
+            .for_each_init(
+                || {
+                    let scratch = vec![ZERO; plan.get_inplace_scratch_len()];
+                    (vec![ZERO; width], scratch)
+                },
+                |(z, scratch), (spectra, samples)| {
+                    for (pair, samples) in
+                        spectra.chunks_mut(2 * bins).zip(samples.chunks(2 * width))
+                    {
+                        let (first, second) = samples.split_at(width);
+                        for (x, z) in z.iter_mut().enumerate() {
+                            *z = Complex64::new(first[x], second.get(x).copied().unwrap_or(0.0));
+                        }
+                        plan.process_with_scratch(z, scratch);
+                        let (first, second) = pair.split_at_mut(bins);
+                        for k in 0..bins {
+                            let (here, there) = (z[k], z[(width - k) % width].conj());
+                            first[k] = (here + there) * 0.5;
+                            if let Some(out) = second.get_mut(k) {
+                                let twice = here - there;
+                                *out = Complex64::new(0.5 * twice.im, -0.5 * twice.re);
+                            }
+                        }
+                    }
+                },
+            );
+        rows
+    }
+
+    /// The real plane of a half spectrum that `fill` writes column by column: `fill(k, column)` for each `k` of
+    /// `0 ..= width / 2`, `height` values, all of which it must write. `work` is scratch memory, reused when passed again.
+    ///
+    /// What a real plane's spectrum cannot have (an imaginary part at frequencies that are their own negative) must be
+    /// zero but for rounding.
+    ///
+    /// # Panics
+    /// When `plane` has another length than `width * height`.
+    pub fn inverse_with(
+        &self,
+        fill: impl Fn(usize, &mut [Complex64]) + Sync,
+        work: &mut Vec<Complex64>,
+        plane: &mut [f64],
+    ) {
+        assert_eq!(plane.len(), self.width * self.height, "samples");
+        let (width, height, bins) = (self.width, self.height, self.bins());
+        work.resize(bins * height, ZERO);
+        let column = &self.inverse[1];
+        work.par_chunks_mut(height).enumerate().for_each_init(
+            || vec![ZERO; column.get_inplace_scratch_len()],
+            |scratch, (k, values)| {
+                fill(k, values);
+                column.process_with_scratch(values, scratch);
+            },
+        );
+        let row = &self.inverse[0];
+        plane
+            .par_chunks_mut(BLOCK * width)
+            .enumerate()
+            .for_each_init(
+                || {
+                    let scratch = vec![ZERO; row.get_inplace_scratch_len()];
+                    (vec![ZERO; BLOCK.div_ceil(2) * width], scratch)
+                },
+                |(pairs, scratch), (block, samples)| {
+                    let count = samples.len() / width;
+                    let pairs = &mut pairs[..count.div_ceil(2) * width];
+                    self.pair_rows(work, block * BLOCK, count, pairs);
+                    row.process_with_scratch(pairs, scratch);
+                    let scale = 1.0 / (width * height) as f64;
+                    for (samples, pair) in samples.chunks_mut(2 * width).zip(pairs.chunks(width)) {
+                        let (first, second) = samples.split_at_mut(width);
+                        for (out, z) in first.iter_mut().zip(pair) {
+                            *out = z.re * scale;
+                        }
+                        for (out, z) in second.iter_mut().zip(pair) {
+                            *out = z.im * scale;
+                        }
+                    }
+                },
+            );
+    }
+
+    /// Whole spectra of pairs of rows from `top`, one row as the real and one as the imaginary part.
+    fn pair_rows(&self, columns: &[Complex64], top: usize, count: usize, pairs: &mut [Complex64]) {
+        let (width, height) = (self.width, self.height);
+        for (k, column) in columns.chunks_exact(height).enumerate() {
+            let own_negative = k == 0 || 2 * k == width;
+            for (pair, rows) in column[top..top + count].chunks(2).enumerate() {
+                let z = &mut pairs[pair * width..(pair + 1) * width];
+                let (a, b) = (rows[0], rows.get(1).copied().unwrap_or(ZERO));
+                if own_negative {
+                    z[k] = Complex64::new(a.re, b.re);
+                } else {
+                    z[k] = Complex64::new(a.re - b.im, a.im + b.re);
+                    z[width - k] = Complex64::new(a.re + b.im, b.re - a.im);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ripple(w: usize, h: usize) -> Vec<f64> {
+        (0..w * h)
+            .map(|i| ((i * 7919 + 13) % 101) as f64 / 101.0 - 0.3)
+            .collect()
+    }
+
+    /// Sizes with every pairing of even, odd and prime, thinner and wider than a block.
+    const SIZES: [(usize, usize); 7] = [(1, 1), (8, 6), (7, 5), (6, 9), (37, 18), (20, 41), (2, 3)];
+
+    /// The spectrum is the sum that defines the transform, computed here term by term.
+    #[test]
+    fn spectra_are_the_defining_sum() {
+        for (w, h) in SIZES {
+            let plane = ripple(w, h);
+            let half = RealFft2::new(w, h).forward(&plane);
+            let mut full: Vec<Complex64> = plane.iter().map(|&v| Complex64::new(v, 0.0)).collect();
+            ComplexFft2::new(w, h).forward(&mut full);
+            for l in 0..h {
+                for k in 0..w {
+                    let mut sum = ZERO;
+                    for y in 0..h {
+                        for x in 0..w {
+                            let turn =
+                                (k * x % w) as f64 / w as f64 + (l * y % h) as f64 / h as f64;
+                            sum += Complex64::from_polar(
+                                plane[y * w + x],
+                                -std::f64::consts::TAU * turn,
+                            );
+                        }
+                    }
+                    assert!((full[l * w + k] - sum).norm() < 1e-11, "{w} x {h}: {k} {l}");
+                    if k <= w / 2 {
+                        assert!((half[k * h + l] - sum).norm() < 1e-11, "{w} x {h}: {k} {l}");
+                    }
+                }
+            }
+        }
+    }
+
+    /// Forward and back gives the samples again, for real and for complex planes.
+    #[test]
+    fn inverse_undoes_forward() {
+        for (w, h) in SIZES {
+            let plane = ripple(w, h);
+            let fft = RealFft2::new(w, h);
+            let spectrum = fft.forward(&plane);
+            let mut back = vec![0.0; plane.len()];
+            let fill = |k: usize, out: &mut [Complex64]| {
+                out.copy_from_slice(&spectrum[k * h..(k + 1) * h]);
+            };
+            fft.inverse_with(fill, &mut Vec::new(), &mut back);
+            let complex = ComplexFft2::new(w, h);
+            let mut twisted: Vec<Complex64> = (plane.iter().zip(ripple(h, w)))
+                .map(|(&re, im)| Complex64::new(re, im))
+                .collect();
+            let before = twisted.clone();
+            complex.forward(&mut twisted);
+            complex.inverse(&mut twisted);
+            for i in 0..plane.len() {
+                assert!((plane[i] - back[i]).abs() < 1e-14, "{w} x {h}");
+                assert!((before[i] - twisted[i]).norm() < 1e-14, "{w} x {h}");
+            }
+        }
+    }
+
+    /// One thread and three give the same bytes.
+    #[test]
+    fn threads_change_nothing() {
+        let plane = ripple(67, 53);
+        let on = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
+            pool.install(|| RealFft2::new(67, 53).forward(&plane))
+        };
+        assert_eq!(on(1), on(3));
+    }
+}
