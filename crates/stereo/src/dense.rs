@@ -96,6 +96,37 @@ impl DisparityMap {
         both.count() as f64 / self.left_px.samples().len().max(1) as f64
     }
 
+    /// Mean disparity (px) over the square of half side `half_px` about the place (u, v) of the left picture, where it is known on at
+    /// least the share `least_known` of a grid of 25 points over the square and changes by no more than `most_change_px`.
+    pub fn smooth_at(
+        &self,
+        [u, v]: [f64; 2],
+        half_px: f64,
+        least_known: f64,
+        most_change_px: f32,
+    ) -> Option<f64> {
+        const STEPS: i32 = 2;
+        let (width, height) = self.left_px.size();
+        let place = |full: f64, side: usize| {
+            let at = ((full + 0.5) / self.scale - 0.5).round();
+            (at >= 0.0 && at < side as f64).then_some(at as usize)
+        };
+        let (mut low, mut high, mut sum, mut known) = (f32::INFINITY, f32::NEG_INFINITY, 0.0, 0);
+        for j in -STEPS..=STEPS {
+            let y = place(v + half_px * f64::from(j) / f64::from(STEPS), height)?;
+            for i in -STEPS..=STEPS {
+                let x = place(u + half_px * f64::from(i) / f64::from(STEPS), width)?;
+                let d = self.left_px.at(x, y);
+                if !d.is_nan() {
+                    (low, high, sum, known) =
+                        (low.min(d), high.max(d), sum + f64::from(d), known + 1);
+                }
+            }
+        }
+        (f64::from(known) >= 25.0 * least_known && high - low <= most_change_px)
+            .then(|| sum / f64::from(known))
+    }
+
     /// Quantiles of the known disparities, each `q` in 0..=1, px of the full picture; `None` where nothing is known.
     pub fn quantiles_px<const N: usize>(&self, q: [f64; N]) -> Option<[f64; N]> {
         let known = self.left_px.samples().iter();

@@ -1,7 +1,20 @@
 //! Differences of brightness, tone curve and colour between the eyes, over corresponding areas.
 //!
-//! All in the *coded* (gamma-encoded) values 0 to 255 of the pictures as given, right eye from left:
-//! `R = gain * L + offset`, or with a different tone curve `R / 255 = gain * (L / 255)^gamma + offset / 255`.
+//! All in the *coded* (gamma-encoded) values 0 to 255 of the pictures as given, right eye from left. Two descriptions of one
+//! difference: the best straight line `R = gain L + offset`, which is always well determined; and the curve
+//! `R = 255 a (L / 255)^gamma + b`, of which gamma is given. Where the curve explains the pair far better than the line, gain and
+//! offset are the curve's a and b.
+
+mod blur;
+mod fit;
+
+use nalgebra::{Matrix3, Matrix4, Vector4};
+use vergence_geometry::Eye;
+use vergence_imaging::Rgb;
+
+use super::sharpness::Sharpness;
+use crate::dense::DisparityMap;
+use fit::{Curve, Sample};
 
 /// Tone of the right eye's picture against the left's, in one channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,4 +56,271 @@ pub struct Photometry {
     pub matrix: Option<[[f64; 3]; 3]>,
     /// Corresponding areas that it was read from.
     pub areas: usize,
+}
+
+/// Fewer areas than this tell nothing.
+const LEAST_AREAS: usize = 60;
+
+/// Areas are squares of this many map pixels.
+const AREA_MAP_PX: f64 = 5.0;
+
+/// At most about so many areas are read.
+const MOST_AREAS: usize = 6000;
+
+/// Coded values below and above are clipped or nearly so: an area with one of them says nothing of that channel.
+const CLIPPED: [u8; 2] = [2, 253];
+
+/// Cells (columns, rows) of the picture that are left out in turn to find how sure the numbers are.
+const CELLS: [usize; 2] = [8, 6];
+
+/// Photometric differences over corresponding areas; `None` where fewer than 60 areas correspond. `vertical_px` as in
+/// [`crate::dense::disparity_map`].
+///
+/// `sharpness` is the pair's, where it is known: a blurred picture has less contrast over small areas, which is no gain, so the
+/// sharper one is blurred as much first.
+pub fn photometry_from_map(
+    pair: [&Rgb; 2],
+    map: &DisparityMap,
+    vertical_px: &dyn Fn(f64, f64) -> f64,
+    sharpness: Option<&Sharpness>,
+) -> Option<Photometry> {
+    let equal = sharpness.and_then(|s| blur::equalised(pair, s));
+    let pair = match &equal {
+        Some((Eye::Left, left)) => [left, pair[1]],
+        Some((Eye::Right, right)) => [pair[0], right],
+        None => pair,
+    };
+    let areas = areas_of(pair, map, vertical_px);
+    let luma = tone(&areas, |a| a.luma())?;
+    let mut channels = [luma.tone; 3];
+    for (c, tone_out) in channels.iter_mut().enumerate() {
+        // A channel that is dark all over has no tone of its own.
+        if let Some(found) = tone(&areas, |a| a.channel(c)) {
+            *tone_out = found.tone;
+        }
+    }
+    let (white_balance_percent, white_balance_sigma_percent) = white_balance(&areas, &luma.curve);
+    Some(Photometry {
+        luma: luma.tone,
+        channels,
+        level_percent: luma.level_percent,
+        level_sigma_percent: luma.level_sigma_percent,
+        white_balance_percent,
+        white_balance_sigma_percent,
+        matrix: matrix(&areas),
+        areas: areas.len(),
+    })
+}
+
+/// Mean coded values of one area in both pictures.
+struct Area {
+    cell: usize,
+    means: [[f64; 3]; 2],
+    /// Which channels are nowhere clipped in either picture.
+    whole: [bool; 3],
+}
+
+impl Area {
+    fn channel(&self, c: usize) -> Option<Sample> {
+        self.whole[c].then_some(Sample {
+            x: self.means[0][c],
+            y: self.means[1][c],
+            cell: self.cell,
+        })
+    }
+
+    fn luma(&self) -> Option<Sample> {
+        let luma = |m: &[f64; 3]| 0.299 * m[0] + 0.587 * m[1] + 0.114 * m[2];
+        self.whole.iter().all(|w| *w).then_some(Sample {
+            x: luma(&self.means[0]),
+            y: luma(&self.means[1]),
+            cell: self.cell,
+        })
+    }
+}
+
+fn areas_of(
+    pair: [&Rgb; 2],
+    map: &DisparityMap,
+    vertical_px: &dyn Fn(f64, f64) -> f64,
+) -> Vec<Area> {
+    let (width, height) = pair[0].size();
+    let half = (AREA_MAP_PX * map.scale / 2.0).max(2.0);
+    let spread = ((width * height) as f64 / MOST_AREAS as f64).sqrt();
+    let step = spread.max(half);
+    let reach = half.floor() as i64;
+    let mut areas = Vec::new();
+    let mut v = half + 1.0;
+    while v < height as f64 - half - 1.0 {
+        let mut u = half + 1.0;
+        while u < width as f64 - half - 1.0 {
+            if let Some(d) = map.smooth_at([u, v], half, 0.9, 1.5 * map.scale as f32) {
+                let left = (u.round() as i64, v.round() as i64);
+                let right = (
+                    (left.0 as f64 - d).round() as i64,
+                    (left.1 as f64 - vertical_px(u, v)).round() as i64,
+                );
+                let column = (u * CELLS[0] as f64 / width as f64) as usize;
+                let row = (v * CELLS[1] as f64 / height as f64) as usize;
+                areas.extend(area(pair, [left, right], reach, row * CELLS[0] + column));
+            }
+            u += step;
+        }
+        v += step;
+    }
+    areas
+}
+
+fn area(pair: [&Rgb; 2], at: [(i64, i64); 2], reach: i64, cell: usize) -> Option<Area> {
+    // Large areas of large pictures are sampled, not summed.
+    let stride = (reach / 4).max(1) as usize;
+    let (mut means, mut whole) = ([[0.0; 3]; 2], [true; 3]);
+    for eye in 0..2 {
+        let (x, y) = at[eye];
+        let (width, height) = (pair[eye].width() as i64, pair[eye].height() as i64);
+        if x < reach || y < reach || x + reach >= width || y + reach >= height {
+            return None;
+        }
+        let (mut sums, mut count) = ([0.0f64; 3], 0.0);
+        for row in (y - reach..=y + reach).step_by(stride) {
+            let row = &pair[eye].row(row as usize)[(x - reach) as usize..=(x + reach) as usize];
+            for px in row.iter().step_by(stride) {
+                for c in 0..3 {
+                    sums[c] += f64::from(px[c]);
+                    whole[c] &= px[c] > CLIPPED[0] && px[c] < CLIPPED[1];
+                }
+                count += 1.0;
+            }
+        }
+        means[eye] = sums.map(|s| s / count);
+    }
+    Some(Area { cell, means, whole })
+}
+
+struct ToneFound {
+    tone: Tone,
+    curve: Curve,
+    level_percent: f64,
+    level_sigma_percent: f64,
+}
+
+fn tone(areas: &[Area], value: impl Fn(&Area) -> Option<Sample>) -> Option<ToneFound> {
+    let samples: Vec<Sample> = areas.iter().filter_map(value).collect();
+    if samples.len() < LEAST_AREAS {
+        return None;
+    }
+    let fitted = fit::simplest(&samples);
+    let Curve { gain, offset, .. } = fitted.curve;
+    let [gain_sigma, offset_sigma, _] = fitted.sigma;
+    let [gamma, gamma_sigma] = fitted.gamma;
+    let level = |of: &dyn Fn(f64) -> f64| {
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for (s, w) in samples.iter().zip(&fitted.weights) {
+            sum += w * of(s.x);
+            weights += w;
+        }
+        sum / weights
+    };
+    let (before, after) = (level(&|x| x), level(&|x| fitted.curve.at(x)));
+    Some(ToneFound {
+        tone: Tone {
+            gain,
+            gain_sigma,
+            offset,
+            offset_sigma,
+            gamma,
+            gamma_sigma,
+            residual: fitted.scale,
+        },
+        curve: fitted.curve,
+        level_percent: 100.0 * (after / before.max(1.0) - 1.0),
+        level_sigma_percent: 100.0 * fitted.level_sigma / before.max(1.0),
+    })
+}
+
+/// Medians over the areas of the logarithms of (red over green) and (blue over green), right minus left, and their sigma by cells.
+fn white_balance(areas: &[Area], luma: &Curve) -> ([f64; 2], f64) {
+    const LEAST: f64 = 20.0;
+    let usable = |a: &&Area| a.whole == [true; 3] && a.means.iter().flatten().all(|m| *m > LEAST);
+    let mut cells = vec![[Vec::new(), Vec::new()]; CELLS[0] * CELLS[1]];
+    let mut all = [Vec::new(), Vec::new()];
+    for a in areas.iter().filter(usable) {
+        // What all channels have in common is no colour.
+        let ratio = |c: usize| (a.means[1][c] / luma.at(a.means[0][c]).max(1.0)).ln();
+        for (k, c) in [0, 2].into_iter().enumerate() {
+            let value = ratio(c) - ratio(1);
+            all[k].push(value);
+            cells[a.cell][k].push(value);
+        }
+    }
+    if all[0].len() < LEAST_AREAS {
+        return ([0.0; 2], f64::INFINITY);
+    }
+    let spread = |k: usize| {
+        let of_cells = cells.iter_mut().filter(|c| c[k].len() >= 5);
+        let of_cells: Vec<f64> = of_cells.map(|c| fit::median(&mut c[k])).collect();
+        let n = of_cells.len().max(2) as f64;
+        let mean = of_cells.iter().sum::<f64>() / n;
+        (of_cells
+            .iter()
+            .map(|m| (m - mean) * (m - mean))
+            .sum::<f64>()
+            / (n - 1.0)
+            / n)
+            .sqrt()
+    };
+    let sigma = [0, 1].map(spread).into_iter().fold(0.0, f64::max);
+    let percent = |v: f64| 100.0 * v.exp_m1();
+    (
+        [0, 1].map(|k| percent(fit::median(&mut all[k]))),
+        100.0 * sigma,
+    )
+}
+
+/// Least spread of each colour difference over the areas, levels, that a matrix can be told from.
+const LEAST_COLOUR: f64 = 8.0;
+
+/// Colour matrix by least squares with an offset, bad areas left out by their residual of the round before.
+fn matrix(areas: &[Area]) -> Option<[[f64; 3]; 3]> {
+    let mut kept: Vec<&Area> = areas.iter().filter(|a| a.whole == [true; 3]).collect();
+    let mut solution = None;
+    for _ in 0..4 {
+        if kept.len() < LEAST_AREAS {
+            return None;
+        }
+        let mut normal = Matrix4::<f64>::zeros();
+        let mut right = [Vector4::<f64>::zeros(); 3];
+        for a in &kept {
+            let x = Vector4::new(a.means[0][0], a.means[0][1], a.means[0][2], 1.0);
+            normal += x * x.transpose();
+            for c in 0..3 {
+                right[c] += x * a.means[1][c];
+            }
+        }
+        if least_colour_spread(&normal) < LEAST_COLOUR {
+            return None;
+        }
+        let factored = normal.cholesky()?;
+        let rows = right.map(|r| factored.solve(&r));
+        let error = |a: &Area| {
+            let x = Vector4::new(a.means[0][0], a.means[0][1], a.means[0][2], 1.0);
+            (0..3)
+                .map(|c| (rows[c].dot(&x) - a.means[1][c]).powi(2))
+                .sum::<f64>()
+                .sqrt()
+        };
+        let mut errors: Vec<f64> = kept.iter().map(|a| error(a)).collect();
+        let most = 3.0 * fit::median(&mut errors).max(0.3);
+        kept.retain(|a| error(a) <= most);
+        solution = Some(rows.map(|r| [r[0], r[1], r[2]]));
+    }
+    solution
+}
+
+/// Smallest standard deviation of the colours in any direction, levels.
+fn least_colour_spread(normal: &Matrix4<f64>) -> f64 {
+    let n = normal[(3, 3)].max(1.0);
+    let mean = normal.fixed_view::<3, 1>(0, 3) / n;
+    let covariance: Matrix3<f64> = normal.fixed_view::<3, 3>(0, 0) / n - mean * mean.transpose();
+    covariance.symmetric_eigenvalues().min().max(0.0).sqrt()
 }
