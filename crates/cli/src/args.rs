@@ -6,6 +6,7 @@ use clap::{Parser, Subcommand};
 
 use crate::config::{self, ConfigArgs};
 use crate::fault;
+use crate::model::{self, ModelArgs};
 use crate::plan::{self, PlanArgs};
 use crate::project::{self, ProjectArgs};
 use crate::run::{self, RunArgs};
@@ -77,6 +78,8 @@ pub(crate) enum Command {
     Project(ProjectArgs),
     #[command(about = "Hold a walking person at zero parallax, on the simulated rig or on recorded pairs", long_about = run::LONG)]
     Run(Box<RunArgs>),
+    #[command(about = "List, show, import and remove the models that pictures are graded with", long_about = model::LONG)]
+    Model(ModelArgs),
     #[command(about = "Print the effective settings with units, meanings and origins", long_about = config::LONG)]
     Config(ConfigArgs),
 }
