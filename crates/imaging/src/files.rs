@@ -220,9 +220,17 @@ fn encode_rgb(path: &Path, picture: &Rgb) -> Result<Vec<u8>, ImageError> {
 
 /// Baseline JPEG of quality 92.
 pub(crate) fn jpeg_from_rgb(picture: &Rgb) -> Result<Vec<u8>, String> {
+    encode_jpeg(picture, 92)
+}
+
+/// The bytes of a baseline JPEG file of a quality from 1 to 100.
+///
+/// # Errors
+/// The encoder's reason, such as a picture without pixels.
+pub fn encode_jpeg(picture: &Rgb, quality: u8) -> Result<Vec<u8>, String> {
     use image::ImageEncoder as _;
     let mut bytes = Vec::new();
-    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 92)
+    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, quality)
         .write_image(
             picture.samples().as_flattened(),
             picture.width() as u32,
