@@ -1,5 +1,11 @@
 //! Inner loops over rows of samples, eight lanes at a time so that they vectorise. Each sum has one fixed order on one
 //! machine; where the machine can, products are added without rounding in between.
+//!
+//! Loops are written out with indices: closures and iterators would be compiled on their own, without the instructions that
+//! `multiversion` selects.
+
+// See above.
+#![allow(clippy::needless_range_loop)]
 
 use multiversion::multiversion;
 use multiversion::target::target_cfg_f;
@@ -19,10 +25,17 @@ const BLOCK: usize = 5;
 /// Blocks on and above the diagonal.
 const BLOCK_PAIRS: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
 
-/// Samples of one row after which the next block is taken, so that they stay in the first cache.
-const TILE: usize = 256;
+/// Samples of one row that are handled together: their vectors fit the first cache.
+const TILE: usize = 128;
 
-type Lane = [f64; LANES];
+/// Lanes done at once where each needs one sum only.
+const WIDE: usize = 4;
+
+/// The vectors of a piece of a row side by side, zeros after its end: one block of fixed size, whose indices need no
+/// checks.
+type Tile = [[f64; TILE]; ENTRIES];
+
+pub(crate) type Lane = [f64; LANES];
 
 /// The vectors of one row's samples: entry by entry, slices of one length.
 pub(crate) type RowVectors<'a> = [&'a [f64]; ENTRIES];
@@ -32,12 +45,12 @@ pub(crate) type Products = [[f64; ENTRIES]; ENTRIES];
 
 /// a b + c.
 #[inline(always)]
-fn madd<const FUSED: bool>(a: f64, b: f64, c: f64) -> f64 {
+pub(crate) fn madd<const FUSED: bool>(a: f64, b: f64, c: f64) -> f64 {
     if FUSED { a.mul_add(b, c) } else { a * b + c }
 }
 
 #[inline(always)]
-fn added(lane: &Lane) -> f64 {
+pub(crate) fn added(lane: &Lane) -> f64 {
     let [a, b, c, d, e, f, g, h] = lane;
     ((a + e) + (b + f)) + ((c + g) + (d + h))
 }
@@ -55,23 +68,20 @@ pub(crate) fn products(rows: &[RowVectors]) -> Products {
 #[inline(always)]
 fn products_of<const FUSED: bool>(rows: &[RowVectors]) -> Products {
     let mut lanes = [[[[0.0; LANES]; BLOCK]; BLOCK]; BLOCK_PAIRS.len()];
+    let mut tile = [[0.0; TILE]; ENTRIES];
     for row in rows {
-        let n = row[0].len();
-        for from in (0..n).step_by(TILE) {
-            let to = n.min(from + TILE);
-            for (lanes, (i, j)) in lanes.iter_mut().zip(BLOCK_PAIRS) {
-                let part = |b: usize| -> [&[f64]; BLOCK] {
-                    std::array::from_fn(|k| &row[b * BLOCK + k][from..to])
-                };
-                block_products::<FUSED>(part(i), part(j), lanes);
+        for from in (0..row[0].len()).step_by(TILE) {
+            pack(row, from, &mut tile);
+            for (p, (i, j)) in BLOCK_PAIRS.into_iter().enumerate() {
+                block_products::<FUSED>(&tile, i * BLOCK, j * BLOCK, &mut lanes[p]);
             }
         }
     }
     let mut sums = [[0.0; ENTRIES]; ENTRIES];
     for (lanes, (i, j)) in lanes.iter().zip(BLOCK_PAIRS) {
-        for (k, row) in lanes.iter().enumerate() {
-            for (l, lane) in row.iter().enumerate() {
-                sums[i * BLOCK + k][j * BLOCK + l] = added(lane);
+        for k in 0..BLOCK {
+            for l in 0..BLOCK {
+                sums[i * BLOCK + k][j * BLOCK + l] = added(&lanes[k][l]);
             }
         }
     }
@@ -79,31 +89,31 @@ fn products_of<const FUSED: bool>(rows: &[RowVectors]) -> Products {
 }
 
 #[inline(always)]
+fn pack(row: &RowVectors, from: usize, tile: &mut Tile) {
+    let count = TILE.min(row[0].len() - from);
+    for (samples, row) in tile.iter_mut().zip(row) {
+        samples[..count].copy_from_slice(&row[from..from + count]);
+        samples[count..].fill(0.0);
+    }
+}
+
+#[inline(always)]
 fn block_products<const FUSED: bool>(
-    a: [&[f64]; BLOCK],
-    b: [&[f64]; BLOCK],
+    tile: &Tile,
+    i: usize,
+    j: usize,
     sums: &mut [[Lane; BLOCK]; BLOCK],
 ) {
-    let whole = a[0].len() / LANES;
-    let chunks = |s: &[f64], c: usize| -> Lane { std::array::from_fn(|l| s[c * LANES + l]) };
-    let (a, a_rest) = split(a, whole);
-    let (b, b_rest) = split(b, whole);
+    let a: &[[f64; TILE]; BLOCK] = five(tile, i);
+    let b: &[[f64; TILE]; BLOCK] = five(tile, j);
     let mut local = *sums;
-    for c in 0..whole {
-        let x: [Lane; BLOCK] = std::array::from_fn(|k| chunks(a[k], c));
-        let y: [Lane; BLOCK] = std::array::from_fn(|k| chunks(b[k], c));
+    for c in 0..TILE / LANES {
         for i in 0..BLOCK {
             for j in 0..BLOCK {
                 for l in 0..LANES {
-                    local[i][j][l] = madd::<FUSED>(x[i][l], y[j][l], local[i][j][l]);
+                    let (x, y) = (a[i][c * LANES + l], b[j][c * LANES + l]);
+                    local[i][j][l] = madd::<FUSED>(x, y, local[i][j][l]);
                 }
-            }
-        }
-    }
-    for i in 0..BLOCK {
-        for j in 0..BLOCK {
-            for (l, (x, y)) in a_rest[i].iter().zip(b_rest[j]).enumerate() {
-                local[i][j][l] = madd::<FUSED>(*x, *y, local[i][j][l]);
             }
         }
     }
@@ -111,16 +121,17 @@ fn block_products<const FUSED: bool>(
 }
 
 #[inline(always)]
-fn split<const N: usize>(slices: [&[f64]; N], whole: usize) -> ([&[f64]; N], [&[f64]; N]) {
-    (
-        slices.map(|s| &s[..whole * LANES]),
-        slices.map(|s| &s[whole * LANES..]),
-    )
+fn five(tile: &Tile, from: usize) -> &[[f64; TILE]; BLOCK] {
+    // A block always lies inside; the other arm is never taken.
+    match tile[from..].first_chunk() {
+        Some(block) => block,
+        None => &[[0.0; TILE]; BLOCK],
+    }
 }
 
 /// What turns the samples of a row into normalised ones.
 pub(crate) struct Divisor {
-    /// Upper triangular R with RᵀR the inverse covariance, rows beyond it zero.
+    /// Rᵀ of the upper triangular R with RᵀR the inverse covariance; zero beyond it.
     pub(crate) factor: Products,
     /// 1 / N.
     pub(crate) scale: f64,
@@ -140,58 +151,53 @@ pub(crate) fn divide(row: &RowVectors, by: &Divisor, out: &mut [f64]) -> bool {
 
 #[inline(always)]
 fn divide_of<const FUSED: bool>(row: &RowVectors, by: &Divisor, out: &mut [f64]) -> bool {
-    let n = out.len();
-    let whole = n / LANES;
-    let (body, rest) = split(row.map(|s| &s[..n]), whole);
-    let (out_body, out_rest) = out.split_at_mut(whole * LANES);
-    let mut smallest = [f64::INFINITY; LANES];
-    for (c, out) in out_body.chunks_exact_mut(LANES).enumerate() {
-        let y: [Lane; ENTRIES] =
-            std::array::from_fn(|k| std::array::from_fn(|l| body[k][c * LANES + l]));
-        let z2 = form::<FUSED>(&y, by);
-        for l in 0..LANES {
-            out[l] = (y[CENTRE][l] - by.mean) / z2[l].sqrt();
-            // A NaN stays: it is in the sample as well.
-            smallest[l] = if z2[l] < smallest[l] {
-                z2[l]
-            } else {
-                smallest[l]
-            };
+    let mut tile = [[0.0; TILE]; ENTRIES];
+    let mut fine = true;
+    for (i, out) in out.chunks_mut(TILE).enumerate() {
+        pack(row, i * TILE, &mut tile);
+        let mut forms = [0.0; TILE];
+        for w in 0..TILE / (LANES * WIDE) {
+            form::<FUSED>(&tile, w * LANES * WIDE, by, &mut forms);
+        }
+        for x in 0..out.len() {
+            fine &= forms[x] > 0.0;
+            out[x] = (tile[CENTRE][x] - by.mean) / forms[x].sqrt();
         }
     }
-    if !out_rest.is_empty() {
-        // Lanes beyond the end repeat the last sample.
-        let y: [Lane; ENTRIES] =
-            std::array::from_fn(|k| std::array::from_fn(|l| rest[k][l.min(out_rest.len() - 1)]));
-        let z2 = form::<FUSED>(&y, by);
-        for (l, out) in out_rest.iter_mut().enumerate() {
-            *out = (y[CENTRE][l] - by.mean) / z2[l].sqrt();
-            smallest[l] = if z2[l] < smallest[l] {
-                z2[l]
-            } else {
-                smallest[l]
-            };
-        }
-    }
-    smallest.iter().all(|&z2| z2 > 0.0)
+    fine
 }
 
-/// |R y|² / N.
+/// |R y|² / N of `LANES * WIDE` samples from `at`.
 #[inline(always)]
-fn form<const FUSED: bool>(y: &[Lane; ENTRIES], by: &Divisor) -> Lane {
-    let mut squares = [0.0; LANES];
-    for i in 0..ENTRIES {
-        let mut t = [0.0; LANES];
-        for (factor, y) in by.factor[i].iter().zip(y).skip(i) {
-            for l in 0..LANES {
-                t[l] = madd::<FUSED>(*factor, y[l], t[l]);
+fn form<const FUSED: bool>(tile: &Tile, at: usize, by: &Divisor, forms: &mut [f64; TILE]) {
+    let mut squares = [[0.0; LANES]; WIDE];
+    // Five rows of R at a time, from their diagonal on.
+    for first in [0, BLOCK, 2 * BLOCK] {
+        let mut t = [[[0.0; LANES]; WIDE]; BLOCK];
+        for j in first..ENTRIES {
+            for i in 0..BLOCK {
+                let factor = by.factor[j][first + i];
+                for w in 0..WIDE {
+                    for l in 0..LANES {
+                        let y = tile[j][at + w * LANES + l];
+                        t[i][w][l] = madd::<FUSED>(factor, y, t[i][w][l]);
+                    }
+                }
             }
         }
-        for l in 0..LANES {
-            squares[l] = madd::<FUSED>(t[l], t[l], squares[l]);
+        for i in 0..BLOCK {
+            for w in 0..WIDE {
+                for l in 0..LANES {
+                    squares[w][l] = madd::<FUSED>(t[i][w][l], t[i][w][l], squares[w][l]);
+                }
+            }
         }
     }
-    squares.map(|s| s * by.scale)
+    for w in 0..WIDE {
+        for l in 0..LANES {
+            forms[at + w * LANES + l] = squares[w][l] * by.scale;
+        }
+    }
 }
 
 /// Sums over a row, and its extremes.

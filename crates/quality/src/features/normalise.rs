@@ -190,7 +190,7 @@ impl<'a> Neighbourhood<'a> {
         let mut factor = [[0.0; ENTRIES]; ENTRIES];
         for (i, row) in factor.iter_mut().enumerate().take(entries) {
             for (j, value) in row.iter_mut().enumerate().take(entries) {
-                *value = upper[(i, j)];
+                *value = upper[(j, i)];
             }
         }
         // The neighbours and the parent count, the other orientations do not: as released.
