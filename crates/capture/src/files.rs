@@ -1,5 +1,6 @@
 //! Recorded stereo: two folders of pictures or two videos.
 
+mod frames;
 mod list;
 mod stream;
 mod video;
@@ -12,6 +13,7 @@ use vergence_geometry::Eye;
 use vergence_imaging::Rgb;
 
 use crate::CaptureError;
+pub use crate::files::frames::{Frames, TimedFrame};
 use crate::files::list::PictureList;
 use crate::files::stream::EyeStream;
 use crate::files::video::Video;

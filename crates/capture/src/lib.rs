@@ -12,7 +12,7 @@ pub mod twin;
 
 pub use clock::{Clock, RealClock, SimulatedClock};
 pub use error::CaptureError;
-pub use files::{FilesConfig, FilesSource, OnFault};
+pub use files::{FilesConfig, FilesSource, Frames, OnFault, TimedFrame};
 pub use pairing::{Paired, Pairer, PairingCounts, PairingLimits};
 pub use source::{Frame, Source, SourceInfo, StereoFrame};
 pub use twin::{TwinConfig, TwinSource, TwinTruth};

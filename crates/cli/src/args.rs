@@ -6,6 +6,7 @@ use clap::{Parser, Subcommand};
 
 use crate::config::{self, ConfigArgs};
 use crate::fault;
+use crate::grade::{self, GradeArgs};
 use crate::model::{self, ModelArgs};
 use crate::plan::{self, PlanArgs};
 use crate::project::{self, ProjectArgs};
@@ -26,6 +27,7 @@ Examples:
   vergence plan                              the paper's rig, 1 m to 10 m
   vergence plan --base 100mm --near 2m       another rig
   vergence project --mode converged --convergence 1m --point 0.4,0.3,1
+  vergence grade --left l.png --right r.png  what is wrong with a pair
   vergence config > rig.toml                 a settings file to edit
   vergence --config rig.toml plan
 
@@ -78,6 +80,8 @@ pub(crate) enum Command {
     Project(ProjectArgs),
     #[command(about = "Hold a walking person at zero parallax, on the simulated rig or on recorded pairs", long_about = run::LONG)]
     Run(Box<RunArgs>),
+    #[command(about = "Grade a picture or a stereo pair: how good it is, and what is wrong with it", long_about = grade::LONG)]
+    Grade(Box<GradeArgs>),
     #[command(about = "List, show, import and remove the models that pictures are graded with", long_about = model::LONG)]
     Model(ModelArgs),
     #[command(about = "Print the effective settings with units, meanings and origins", long_about = config::LONG)]

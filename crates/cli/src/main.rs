@@ -7,6 +7,7 @@ mod args;
 mod config;
 mod fault;
 mod figure;
+mod grade;
 mod model;
 mod output;
 mod plan;
@@ -35,6 +36,7 @@ fn run(args: &Args) -> anyhow::Result<()> {
         Command::Plan(plan) => plan::run(&args.global, plan),
         Command::Project(project) => project::run(&args.global, project),
         Command::Run(args_of_run) => run::run(&args.global, args_of_run),
+        Command::Grade(args_of_grade) => grade::run(&args.global, args_of_grade),
         Command::Model(model) => model::run(model),
         Command::Config(config) => config::run(&args.global, config),
     }

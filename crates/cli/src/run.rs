@@ -166,7 +166,7 @@ pub(crate) fn run(global: &Global, args: &RunArgs) -> anyhow::Result<()> {
 }
 
 /// A flag that Ctrl-C and SIGTERM set; a second one ends the program at once.
-fn stop_on_signals() -> anyhow::Result<Arc<AtomicBool>> {
+pub(crate) fn stop_on_signals() -> anyhow::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         // Order matters: on the second signal the flag is already set.

@@ -210,6 +210,7 @@ const SCREEN: &[Key] = &[
     other("screen", "width", QuantityOrAuto(Length), "auto", Positive, "Width of the picture on the screen. auto: magnification times sensor width. Set one of the two, not both."),
     quantity("screen", "viewing_distance", Length, "0.7 m", Positive, "Distance V of the viewer's eyes from the screen."),
     quantity("screen", "interocular", Length, "65 mm", Within(0.02, 0.1), "Separation e of the viewer's eyes (children: 50 mm)."),
+    quantity("screen", "crosstalk", Fraction, "2%", Within(0.0, 0.5), "Share of one eye's light that reaches the other eye; what ghosts are judged by."),
 ];
 
 #[rustfmt::skip]

@@ -1,0 +1,278 @@
+//! Many items on all cores: read ahead within bounds, graded in parallel, told in order.
+
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel, sync_channel};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use anyhow::Context as _;
+
+use super::feed::{Task, Work};
+use super::grader::Grader;
+use super::layout::LayoutChoice;
+use super::read::{self, Content};
+use super::record::{Grade, Record};
+use super::results::Finished;
+
+/// Pixels of one eye that are in work at a time, all items together; an item that has more is in work alone. The index takes up to 200
+/// bytes for each.
+const PIXELS_IN_WORK: usize = 16_000_000;
+
+/// How far the newest item in work may be ahead of the oldest that is not told yet.
+const AHEAD: usize = 64;
+
+/// How often a flag to stop is looked at while nothing happens.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
+
+/// What became of a task.
+pub(super) enum Done {
+    /// Graded, or failed with a reason in the record.
+    Graded(Box<Graded>),
+    /// An earlier call had done it.
+    Finished(Finished),
+}
+
+/// A record and what a report draws.
+pub(super) struct Graded {
+    pub(super) record: Record,
+    pub(super) in_sequence: bool,
+    /// The pictures and the faults of a pair, when a report wants them.
+    pub(super) shown: Option<Shown>,
+}
+
+/// What a report draws.
+pub(super) struct Shown {
+    pub(super) content: Content,
+    pub(super) faults: Option<vergence_stereo::faults::PairFaults>,
+}
+
+/// How the work is done.
+pub(super) struct Plan<'a> {
+    pub(super) grader: &'a Grader,
+    pub(super) layout: LayoutChoice,
+    /// Items in work at a time, and threads for each.
+    pub(super) workers: usize,
+    pub(super) threads_each: usize,
+    /// Keep pictures for a report.
+    pub(super) keep: bool,
+    pub(super) stop: &'a AtomicBool,
+}
+
+/// Do all tasks and tell each in the order of the feed. When `tell` fails or the flag is set, what is in work is finished and told, and no
+/// more is begun.
+pub(super) fn run(
+    feed: impl Iterator<Item = Task> + Send,
+    plan: &Plan<'_>,
+    mut tell: impl FnMut(usize, Done) -> anyhow::Result<()>,
+) -> anyhow::Result<()> {
+    let gate = Gate::default();
+    let stopped = AtomicBool::new(false);
+    let halt = || plan.stop.load(Ordering::Relaxed) || stopped.load(Ordering::Relaxed);
+    let pools: Vec<rayon::ThreadPool> = (0..plan.workers)
+        .map(|_| {
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(plan.threads_each)
+                .build()
+        })
+        .collect::<Result<_, _>>()
+        .context("cannot start threads")?;
+    let (to_workers, tasks) = sync_channel(plan.workers);
+    let tasks = Mutex::new(tasks);
+    let (to_teller, done) = channel();
+    std::thread::scope(|scope| {
+        let (gate, tasks, halt) = (&gate, &tasks, &halt);
+        scope.spawn(move || {
+            for (index, task) in feed.enumerate() {
+                if !gate.admit(index, task.pixels, halt) || to_workers.send((index, task)).is_err()
+                {
+                    return;
+                }
+            }
+        });
+        for pool in &pools {
+            let to_teller = to_teller.clone();
+            scope.spawn(move || work(pool, plan, tasks, gate, halt, &to_teller));
+        }
+        drop(to_teller);
+        let result = tell_in_order(&done, gate, &mut tell);
+        stopped.store(true, Ordering::Relaxed);
+        // Workers that still have something to say must be heard, or the scope would not end.
+        for _ in &done {}
+        result
+    })
+}
+
+/// One worker: take a task, do it, say so.
+fn work(
+    pool: &rayon::ThreadPool,
+    plan: &Plan<'_>,
+    tasks: &Mutex<Receiver<(usize, Task)>>,
+    gate: &Gate,
+    halt: &(impl Fn() -> bool + Sync),
+    to_teller: &Sender<(usize, Done)>,
+) {
+    loop {
+        let next = lock(tasks).recv();
+        let Ok((index, task)) = next else {
+            return;
+        };
+        let pixels = task.pixels;
+        if !halt() {
+            let done = pool.install(|| done(task, plan));
+            // Nobody listens only when all is over.
+            let _ = to_teller.send((index, done));
+        }
+        gate.release(pixels);
+    }
+}
+
+fn tell_in_order(
+    done: &Receiver<(usize, Done)>,
+    gate: &Gate,
+    tell: &mut impl FnMut(usize, Done) -> anyhow::Result<()>,
+) -> anyhow::Result<()> {
+    let mut waiting = BTreeMap::new();
+    let mut next = 0;
+    loop {
+        match done.recv_timeout(LOOK_EVERY) {
+            Ok((index, done)) => {
+                waiting.insert(index, done);
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => break,
+        }
+        while let Some(done) = waiting.remove(&next) {
+            tell(next, done)?;
+            next += 1;
+            gate.told(next);
+        }
+    }
+    // After a stop there may be gaps.
+    for (index, done) in waiting {
+        tell(index, done)?;
+    }
+    Ok(())
+}
+
+/// Do one task. A panic is a bug of ours and costs that item alone.
+fn done(task: Task, plan: &Plan<'_>) -> Done {
+    let Task {
+        name,
+        files,
+        remarks,
+        time_s,
+        in_sequence,
+        work,
+        resume,
+        ..
+    } = task;
+    if let Work::Finished(finished) = work {
+        return Done::Finished(finished);
+    }
+    let mut record = Record {
+        item: name,
+        kind: "failed",
+        files: files.iter().map(|f| f.display().to_string()).collect(),
+        time_s,
+        remarks,
+        model: plan.grader.model.name.clone(),
+        grade: Grade::Failed {
+            error: String::new(),
+        },
+        resume,
+    };
+    let outcome = catch_unwind(AssertUnwindSafe(|| graded(work, plan)));
+    let outcome =
+        outcome.unwrap_or_else(|_| Err("the program failed on it, which is a bug".to_owned()));
+    let mut shown = None;
+    record.grade = match outcome {
+        Ok((grade, more_remarks, pictures)) => {
+            record.remarks.extend(more_remarks);
+            shown = pictures;
+            grade
+        }
+        Err(error) => Grade::Failed { error },
+    };
+    record.kind = match &record.grade {
+        Grade::Picture(_) => "picture",
+        Grade::Pair(_) => "pair",
+        Grade::Sequence(_) => "sequence",
+        Grade::Failed { .. } => "failed",
+    };
+    Done::Graded(Box::new(Graded {
+        record,
+        in_sequence,
+        shown,
+    }))
+}
+
+type Outcome = (Grade, Vec<String>, Option<Shown>);
+
+fn graded(work: Work, plan: &Plan<'_>) -> Result<Outcome, String> {
+    let content = match work {
+        Work::File(path) => read::file(&path, plan.layout)?,
+        Work::Pair(left, right) => read::pair(&left, &right)?,
+        Work::Ready(content) => *content,
+        Work::Whole(collector) => {
+            let grade = collector.grade(plan.grader);
+            return Ok((Grade::Sequence(Box::new(grade)), Vec::new(), None));
+        }
+        Work::Failed(why) => return Err(why),
+        Work::Finished(_) => return Err("it is finished".to_owned()),
+    };
+    let graded = plan.grader.grade(&content.pictures);
+    let remarks = content.remarks.clone();
+    let shown = plan.keep.then_some(Shown {
+        content,
+        faults: graded.faults,
+    });
+    Ok((graded.grade, remarks, shown))
+}
+
+/// Keeps the work within bounds.
+#[derive(Default)]
+struct Gate {
+    state: Mutex<GateState>,
+    changed: Condvar,
+}
+
+#[derive(Default)]
+struct GateState {
+    pixels: usize,
+    told: usize,
+}
+
+impl Gate {
+    /// Wait until there is room for an item; `false` when it is time to stop.
+    fn admit(&self, index: usize, pixels: usize, halt: &impl Fn() -> bool) -> bool {
+        let mut state = lock(&self.state);
+        loop {
+            if halt() {
+                return false;
+            }
+            let fits = state.pixels == 0 || state.pixels + pixels <= PIXELS_IN_WORK;
+            if fits && index < state.told + AHEAD {
+                state.pixels += pixels;
+                return true;
+            }
+            let woken = self.changed.wait_timeout(state, LOOK_EVERY);
+            state = woken.unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    fn release(&self, pixels: usize) {
+        lock(&self.state).pixels -= pixels;
+        self.changed.notify_all();
+    }
+
+    fn told(&self, count: usize) {
+        lock(&self.state).told = count;
+        self.changed.notify_all();
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,179 @@
+//! Grades the pictures of one item.
+
+use std::collections::BTreeMap;
+
+use vergence_geometry::comfort::Viewing;
+use vergence_geometry::{StereoArray, Viewer};
+use vergence_imaging::{Gray, Rgb};
+use vergence_quality::{Features, Model, features, features_from_gray};
+use vergence_stereo::faults::{self, Conditions, PairFaults};
+
+use super::eyes;
+use super::measures;
+use super::read::{MAX_PIXELS, Pictures};
+use super::record::{
+    Grade, LayoutGrade, PairGrade, PictureGrade, Scored, VerdictEntry, VerdictWord, Worse,
+    score_entry,
+};
+
+/// Everything that a grade depends on beside the pictures.
+pub(crate) struct Grader {
+    pub(crate) model: Model,
+    pub(crate) viewer: Viewer,
+    pub(crate) screen_width_m: f64,
+    pub(crate) crosstalk: f64,
+    /// The rig that took the pairs and the width of its sensor, where they are known.
+    pub(crate) rig: Option<(StereoArray, f64)>,
+    /// Whether the features are part of the result.
+    pub(crate) features: bool,
+}
+
+/// A pair's result and what a report draws of it.
+pub(crate) struct Graded {
+    pub(crate) grade: Grade,
+    pub(crate) faults: Option<PairFaults>,
+}
+
+impl Grader {
+    /// Grade one or two pictures.
+    pub(crate) fn grade(&self, pictures: &Pictures) -> Graded {
+        match pictures {
+            Pictures::One(picture) => Graded {
+                grade: self.picture(picture),
+                faults: None,
+            },
+            Pictures::Two { eyes, layout } => self.pair(eyes, layout.clone()),
+        }
+    }
+
+    fn picture(&self, picture: &Rgb) -> Grade {
+        match self.scored(&features::grey_from_rgb(picture)) {
+            Ok(scored) => {
+                let entry = score_entry(&scored, "the picture");
+                Grade::Picture(Box::new(PictureGrade {
+                    size_px: [picture.width(), picture.height()],
+                    scored,
+                    verdict: entry.verdict,
+                    verdicts: vec![entry],
+                }))
+            }
+            Err(error) => Grade::Failed { error },
+        }
+    }
+
+    fn pair(&self, eyes: &[Rgb; 2], layout: LayoutGrade) -> Graded {
+        let mut not_judged = BTreeMap::new();
+        let grey = eyes.each_ref().map(features::grey_from_rgb);
+        let mut score = |name: &str, picture: &Gray| {
+            self.scored(picture)
+                .map_err(|why| not_judged.insert(name.to_owned(), why))
+                .ok()
+        };
+        let left = score("left", &grey[0]);
+        let right = score("right", &grey[1]);
+        let difference = score("difference", &difference(&grey[0], &grey[1]));
+        drop(grey);
+        let faults = faults::measure(&eyes[0], &eyes[1], &self.conditions(eyes[0].width()));
+        let faults = faults
+            .map_err(|why| {
+                for group in measures::GROUPS.iter().chain(&eyes::GROUPS) {
+                    not_judged.insert((*group).to_owned(), why.to_string());
+                }
+            })
+            .ok();
+        let mut measured = measures::groups(faults.as_ref());
+        let mut verdicts: Vec<VerdictEntry> = Vec::new();
+        let mut more = None;
+        if let Some(faults) = &faults {
+            let mut found = eyes::measure(eyes, faults);
+            not_judged.append(&mut found.not_judged);
+            measured.append(&mut found.groups);
+            more = found.swapped_entry;
+        }
+        for group in measures::LATER {
+            not_judged.insert(group.0.to_owned(), group.1.to_owned());
+        }
+        let worse = worse(left.as_ref(), right.as_ref());
+        if let Some(worse) = &worse {
+            let scored = if worse.eye == "left" { &left } else { &right };
+            let whose = format!("the {} eye's picture, the worse one,", worse.eye);
+            verdicts.extend(scored.as_ref().map(|s| score_entry(s, &whose)));
+        }
+        let findings = faults.iter().flat_map(|f| &f.findings);
+        verdicts.extend(findings.map(VerdictEntry::from));
+        // What the pair's own findings judge is not judged twice.
+        verdicts.extend(more.filter(|m| !verdicts.iter().any(|v| v.cause == m.cause)));
+        let judged = faults.is_some() && worse.is_some();
+        let verdict: Option<VerdictWord> = verdicts.iter().map(|v| v.verdict).max();
+        Graded {
+            grade: Grade::Pair(Box::new(PairGrade {
+                size_px: [eyes[0].width(), eyes[0].height()],
+                layout,
+                left,
+                right,
+                difference,
+                worse,
+                fused: None,
+                measures: measured,
+                verdict: verdict.filter(|_| judged),
+                verdicts,
+                not_judged,
+            })),
+            faults,
+        }
+    }
+
+    /// Score of a grey picture, or why it has none.
+    fn scored(&self, picture: &Gray) -> Result<Scored, String> {
+        let (w, h) = picture.size();
+        if w * h > MAX_PIXELS {
+            return Err(format!(
+                "{w} x {h} pixels are more than can be graded ({} million)",
+                MAX_PIXELS / 1_000_000
+            ));
+        }
+        let features: Features = features_from_gray(picture).map_err(|e| e.to_string())?;
+        let score = self.model.score(&features);
+        if !score.score.is_finite() {
+            return Err(format!(
+                "the model {} gives no finite score for this picture",
+                self.model.name
+            ));
+        }
+        Ok(Scored::new(&score, self.features.then_some(&features)))
+    }
+
+    fn conditions(&self, width_px: usize) -> Conditions {
+        let mut conditions = Conditions::new(Viewing {
+            viewer: self.viewer,
+            screen_width_m: self.screen_width_m,
+            width_px,
+        });
+        conditions.crosstalk = self.crosstalk;
+        conditions.rig = self.rig.map(|(rig, _)| rig);
+        conditions.sensor_width_m = self.rig.map(|(_, width)| width);
+        conditions
+    }
+}
+
+/// |left - right|, level by level.
+fn difference(left: &Gray, right: &Gray) -> Gray {
+    let samples = left.samples().iter().zip(right.samples());
+    let levels = samples.map(|(l, r)| l.abs_diff(*r)).collect();
+    Gray::from_samples(left.width(), left.height(), levels)
+}
+
+fn worse(left: Option<&Scored>, right: Option<&Scored>) -> Option<Worse> {
+    let (left, right) = (left?.score, right?.score);
+    Some(if right > left {
+        Worse {
+            eye: "right",
+            score: right,
+        }
+    } else {
+        Worse {
+            eye: "left",
+            score: left,
+        }
+    })
+}
