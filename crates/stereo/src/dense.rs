@@ -70,8 +70,8 @@ impl Default for DenseSettings {
     }
 }
 
-/// Disparity of every pixel of a (reduced) grid, for both eyes.
-#[derive(Clone, Debug, PartialEq)]
+/// Disparity of every pixel of a (reduced) grid, for both eyes. Two maps are equal when they are so bit by bit, unknown places included.
+#[derive(Clone)]
 pub struct DisparityMap {
     /// Pixels of the full picture per pixel of the map; map pixel u lies at `scale * (u + 0.5) - 0.5` of the picture.
     pub scale: f64,
@@ -87,6 +87,31 @@ pub struct DisparityMap {
     pub right_seen: Plane<Seen>,
     /// The reduced grey pictures that were matched, the right one with its rows corrected.
     pub pictures: [Gray; 2],
+}
+
+impl std::fmt::Debug for DisparityMap {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (width, height) = self.left_px.size();
+        let range = self.range_px;
+        write!(
+            f,
+            "DisparityMap({width} x {height} at 1/{:.2}, {range:?} px)",
+            self.scale
+        )
+    }
+}
+
+impl PartialEq for DisparityMap {
+    fn eq(&self, other: &Self) -> bool {
+        let bits = |plane: &Plane<f32>| plane.map(f32::to_bits);
+        self.scale == other.scale
+            && self.range_px == other.range_px
+            && bits(&self.left_px) == bits(&other.left_px)
+            && bits(&self.right_px) == bits(&other.right_px)
+            && self.left_seen == other.left_seen
+            && self.right_seen == other.right_seen
+            && self.pictures == other.pictures
+    }
 }
 
 impl DisparityMap {

@@ -4,6 +4,7 @@
 //! `v_l - v_r` (down), disparity `u_l - u_r` (crossed positive).
 
 pub mod alignment;
+pub mod appearance;
 pub mod cuts;
 pub mod ghosting;
 pub mod lens;
@@ -24,6 +25,7 @@ use vergence_imaging::Rgb;
 use vergence_imaging::colour::luma_from_rgb;
 
 use alignment::{Alignment, Estimate, Focal};
+use appearance::Appearance;
 use lens::LensMismatch;
 use matching::Matches;
 use parallax::ParallaxRange;
@@ -211,6 +213,8 @@ pub struct PairFaults {
     pub parallax: ParallaxRange,
     /// Lens distortion that differs.
     pub lens: LensMismatch,
+    /// What the dense map tells: order of the eyes, light, sharpness, noise, window, ghosts, shape. `None` where none can be made.
+    pub appearance: Option<Appearance>,
     /// Every cause with its limits and its verdict, in the order of [`Cause`].
     pub findings: Vec<Finding>,
 }
@@ -307,7 +311,7 @@ pub enum Refusal {
     },
 }
 
-/// Measure a pair: matches, alignment, parallax, lens.
+/// Measure a pair: matches, alignment, parallax, lens, and what its dense map tells.
 ///
 /// # Errors
 /// A [`Refusal`] when the pictures cannot be judged, or the conditions hold a number that means nothing.
@@ -321,13 +325,17 @@ pub fn measure(left: &Rgb, right: &Rgb, conditions: &Conditions) -> Result<PairF
     }
     let size = left.size();
     let viewing = &conditions.viewing;
-    let matches = matching::matched(&luma_from_rgb(left), &luma_from_rgb(right))?;
+    let grey = [luma_from_rgb(left), luma_from_rgb(right)];
+    let matches = matching::matched(&grey[0], &grey[1])?;
     let (alignment, fit) = alignment::aligned(&matches, conditions.focal(size))?;
     let parallax = parallax::range(&matches, viewing);
     let lens = lens::mismatch(&fit, size);
     let mut findings = alignment::findings(&alignment, &parallax, viewing, size);
     findings.extend(parallax::findings(&parallax, viewing));
     findings.push(lens::finding(&lens, viewing, size));
+    let grey = [&grey[0], &grey[1]];
+    let appearance = appearance::measured([left, right], grey, &alignment, &parallax, conditions);
+    findings.extend(appearance.iter().flat_map(appearance::findings));
     findings.sort_by_key(|finding| finding.cause as usize);
     Ok(PairFaults {
         size,
@@ -335,6 +343,7 @@ pub fn measure(left: &Rgb, right: &Rgb, conditions: &Conditions) -> Result<PairF
         alignment,
         parallax,
         lens,
+        appearance,
         findings,
     })
 }

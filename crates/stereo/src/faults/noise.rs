@@ -2,6 +2,8 @@
 
 use vergence_imaging::Gray;
 
+use super::{Cause, Estimate, Finding, Limits};
+
 /// Noise of both pictures: of the green channel, coded levels of 0 to 255.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
@@ -116,4 +118,24 @@ fn middle(mut variances: Vec<f64>) -> (f64, f64) {
     let at = |share: f64| variances[((n - 1) as f64 * share).round() as usize].sqrt();
     let spread = (at(0.75) - at(0.25)) / 1.349;
     (at(0.5), 1.25 * spread / (n as f64).sqrt())
+}
+
+/// The verdict on the difference.
+pub(crate) fn finding(found: &Noise) -> Finding {
+    let limits = Limits {
+        look: 1.5,
+        bad: 4.0,
+        source: "our own choice: no study of a limit was read",
+    };
+    let what = format!(
+        "noise of {:.1} levels in the left picture, {:.1} in the right one",
+        found.level[0], found.level[1]
+    );
+    let sigma = found.level_sigma[0].hypot(found.level_sigma[1]);
+    let estimate = Estimate {
+        value: found.difference,
+        sigma,
+    };
+    let remedy = "give both cameras the same gain (ISO) and the same light";
+    Finding::judged(Cause::Noise, estimate, "levels", limits, &what, remedy)
 }

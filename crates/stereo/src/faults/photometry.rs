@@ -13,6 +13,7 @@ use vergence_geometry::Eye;
 use vergence_imaging::Rgb;
 
 use super::sharpness::Sharpness;
+use super::{Cause, Estimate, Finding, Limits};
 use crate::dense::DisparityMap;
 use fit::{Curve, Sample};
 
@@ -323,4 +324,75 @@ fn least_colour_spread(normal: &Matrix4<f64>) -> f64 {
     let mean = normal.fixed_view::<3, 1>(0, 3) / n;
     let covariance: Matrix3<f64> = normal.fixed_view::<3, 3>(0, 0) / n - mean * mean.transpose();
     covariance.symmetric_eigenvalues().min().max(0.0).sqrt()
+}
+
+/// Relations between the eyes bend a little in every pair, where surfaces shine: gammas are not more exact than this.
+const GAMMA_FLOOR: f64 = 0.03;
+
+/// The same of levels and colours, percent.
+const LEVEL_FLOOR: f64 = 0.5;
+
+const OWN: &str =
+    "our own choice: no study of a limit was read; eyes average what differs, and tire of it";
+
+/// The verdicts on brightness, tone curve and colour.
+pub(crate) fn findings(found: &Photometry) -> Vec<Finding> {
+    let brighter = |v: f64| if v > 0.0 { "brighter" } else { "darker" };
+    let level = found.level_percent;
+    let exposure = Finding::judged(
+        Cause::Exposure,
+        Estimate {
+            value: level,
+            sigma: found.level_sigma_percent.hypot(LEVEL_FLOOR),
+        },
+        "%",
+        Limits {
+            look: 5.0,
+            bad: 15.0,
+            source: OWN,
+        },
+        &format!(
+            "the right picture is {:.1} % {}",
+            level.abs(),
+            brighter(level)
+        ),
+        &format!(
+            "set both cameras to one exposure, or bring it back by a gain of {:.3} and an offset of {:+.1} levels on the left picture",
+            found.luma.gain, found.luma.offset
+        ),
+    );
+    let gamma = found.luma.gamma;
+    let tone = Finding::judged(
+        Cause::Gamma,
+        Estimate {
+            value: gamma - 1.0,
+            sigma: found.luma.gamma_sigma.hypot(GAMMA_FLOOR),
+        },
+        "exponent - 1",
+        Limits {
+            look: 0.1,
+            bad: 0.25,
+            source: OWN,
+        },
+        &format!("the tone curves differ by an exponent of {gamma:.2}"),
+        "set both cameras to one picture profile",
+    );
+    let [red, blue] = found.white_balance_percent;
+    let worse = if red.abs() > blue.abs() { red } else { blue };
+    let colour = Finding::judged(
+        Cause::Colour,
+        Estimate {
+            value: worse,
+            sigma: found.white_balance_sigma_percent.hypot(LEVEL_FLOOR),
+        },
+        "%",
+        Limits {
+            look: 4.0,
+            bad: 10.0,
+            source: OWN,
+        },
+        &format!("against green the right picture has {red:+.1} % red and {blue:+.1} % blue"),
+        "set both cameras to one fixed white balance",
+    );
+    vec![exposure, tone, colour]
 }

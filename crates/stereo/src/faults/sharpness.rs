@@ -6,6 +6,7 @@ use vergence_imaging::fft::{Complex32, Fft2};
 use vergence_imaging::pyramid::half;
 
 use super::noise::Noise;
+use super::{Cause, Estimate, Finding, Limits};
 use crate::dense::DisparityMap;
 
 /// Sharpness of the right eye's picture against the left's.
@@ -382,4 +383,27 @@ fn misfit(power: [&[f64; BINS]; 2], sharp_noise: f64, square: f64, patches: usiz
     };
     let error = |&(shape, y, w): &(f64, f64, f64)| w * (y - gain * shape - noise).powi(2);
     bins.iter().map(error).sum()
+}
+
+/// The verdict on the blur of the blurrier eye.
+pub(crate) fn finding(found: &Sharpness) -> Finding {
+    let limits = Limits {
+        look: 0.5,
+        bad: 1.5,
+        source: "our own choice; small differences are noticed (study of just noticeable sharpness mismatch, TCD 2019, figures not read)",
+    };
+    let what = match found.blurrier {
+        Some(eye) => format!(
+            "the {} picture is blurrier, by a Gaussian of {:.2} px",
+            if eye == Eye::Left { "left" } else { "right" },
+            found.blur_sigma_px.abs()
+        ),
+        None => "both pictures are as sharp".to_owned(),
+    };
+    let estimate = Estimate {
+        value: found.blur_sigma_px,
+        sigma: found.sigma_px,
+    };
+    let remedy = "focus both cameras on one distance, with one aperture, and clean the lens";
+    Finding::judged(Cause::Sharpness, estimate, "px", limits, &what, remedy)
 }

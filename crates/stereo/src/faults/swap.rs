@@ -4,6 +4,7 @@
 
 use vergence_imaging::{Gray, Plane};
 
+use super::{Cause, Finding, Limits, Verdict};
 use crate::dense::{DisparityMap, Seen};
 
 /// What the signs say.
@@ -268,5 +269,33 @@ fn height_sign(disparity: &Plane<f32>) -> SwapSign {
         name: "lower is nearer",
         log_odds: -correlation,
         places: medians.len(),
+    }
+}
+
+/// The verdict: the probability that the eyes are swapped, bad where the signs decide so.
+pub(crate) fn finding(swap: &Swap) -> Finding {
+    let (verdict, meaning) = match swap.decision {
+        SwapDecision::AsGiven => (Verdict::Good, "each eye sees its own picture"),
+        SwapDecision::CannotTell => (
+            Verdict::Good,
+            "cannot be told from these pictures: too little is hidden by other things",
+        ),
+        SwapDecision::Swapped => (
+            Verdict::Bad,
+            "the left eye is given the right eye's picture: exchange the two",
+        ),
+    };
+    Finding {
+        cause: Cause::EyesSwapped,
+        value: swap.probability,
+        sigma: None,
+        unit: "probability",
+        limits: Limits {
+            look: 0.5,
+            bad: 0.91,
+            source: "10 to 1 decides; geometry of hidden surfaces, no viewer is asked",
+        },
+        verdict,
+        meaning: meaning.to_owned(),
     }
 }

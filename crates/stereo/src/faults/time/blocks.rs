@@ -126,17 +126,26 @@ fn equations_of(frame: usize, left: [&Gray; 3], right: [&Gray; 3], rows: &Rows) 
     let mut equations = Vec::new();
     for (_, x, y) in blocks {
         let from = [x as f64, y as f64];
-        let Some(l) = motion(left, &moving[0], from, &around) else { continue };
+        let Some(l) = motion(left, &moving[0], from, &around) else {
+            continue;
+        };
         let [nearest, farthest] = rows.disparity;
         let mean = 0.5 * (nearest + farthest) as f64;
         let vertical = rows.model.vertical_px(from, mean);
         let there = Window {
             x: [-farthest, -nearest],
-            y: [-ROWS_PX - vertical.round() as i64, ROWS_PX - vertical.round() as i64],
+            y: [
+                -ROWS_PX - vertical.round() as i64,
+                ROWS_PX - vertical.round() as i64,
+            ],
         };
-        let Some(other) = found([left[1], &moving[0]], from, right[1], &there) else { continue };
+        let Some(other) = found([left[1], &moving[0]], from, right[1], &there) else {
+            continue;
+        };
         let place = [from[0] + other[0], from[1] + other[1]];
-        let Some(r) = motion(right, &moving[1], place, &around) else { continue };
+        let Some(r) = motion(right, &moving[1], place, &around) else {
+            continue;
+        };
         let vertical = rows.model.vertical_px(from, -other[0]);
         if let Some(velocity) = agreed(l, r) {
             equations.push(Equation {
@@ -171,7 +180,10 @@ fn moving(frames: [&Gray; 3]) -> Gray {
     Gray::from_fn(width, height, |x, y| {
         let rows = y.saturating_sub(1)..(y + 2).min(height);
         let columns = x.saturating_sub(1)..(x + 2).min(width);
-        rows.flat_map(|y| seen.row(y)[columns.clone()].iter()).copied().max().unwrap_or(0)
+        rows.flat_map(|y| seen.row(y)[columns.clone()].iter())
+            .copied()
+            .max()
+            .unwrap_or(0)
     })
 }
 
@@ -189,7 +201,10 @@ fn activity(frame: &Gray, moving: &Gray, x: usize, y: usize) -> (f64, f64) {
         }
     }
     let all = ((2 * half + 1) * (2 * half + 1)) as f64;
-    (f64::from(count) / all, f64::from(gradient) / f64::from(count.max(1)))
+    (
+        f64::from(count) / all,
+        f64::from(gradient) / f64::from(count.max(1)),
+    )
 }
 
 /// Offsets that are searched, px, from `[0]` to `[1]`.
@@ -271,7 +286,11 @@ fn found([from, mask]: [&Gray; 2], at: [f64; 2], to: &Gray, window: &Window) -> 
     let refine = |a: u32, c: u32| {
         let [a, b, c] = [a, least, c].map(f64::from);
         let steep = (a - b).max(c - b);
-        if steep > 0.0 { 0.5 * (a - c) / steep } else { 0.0 }
+        if steep > 0.0 {
+            0.5 * (a - c) / steep
+        } else {
+            0.0
+        }
     };
     Some([
         dx as f64 + refine(difference(dx - 1, dy)?, difference(dx + 1, dy)?),
@@ -288,12 +307,20 @@ fn solved(equations: &[Equation]) -> Option<(f64, f64)> {
     let mut weights = vec![1.0; equations.len()];
     let mut sums = (0.0, 0.0);
     for round in 0..10 {
-        let rests = || equations.iter().map(|e| (e.displacement - e.velocity * offset) / SIGMA_PX);
+        let rests = || {
+            equations
+                .iter()
+                .map(|e| (e.displacement - e.velocity * offset) / SIGMA_PX)
+        };
         let mut sizes: Vec<f64> = rests().map(f64::abs).collect();
         sizes.sort_unstable_by(f64::total_cmp);
         let reach = 4.685 * (1.4826 * sizes[sizes.len() / 2]).max(0.5);
         for (w, rest) in weights.iter_mut().zip(rests()) {
-            *w = if round == 0 { 1.0 } else { (1.0 - (rest / reach).powi(2)).max(0.0).powi(2) };
+            *w = if round == 0 {
+                1.0
+            } else {
+                (1.0 - (rest / reach).powi(2)).max(0.0).powi(2)
+            };
         }
         sums = sum(equations, &weights, None);
         if !(sums.1 > 0.0) {
@@ -316,7 +343,9 @@ fn solved(equations: &[Equation]) -> Option<(f64, f64)> {
     let mean = without.iter().sum::<f64>() / n;
     let squares: f64 = without.iter().map(|o| (o - mean).powi(2)).sum();
     let chance = ((n - 1.0) / n * squares).sqrt().hypot(1.0 / sums.1.sqrt());
-    let sigma = chance.hypot(DRAWN_SHARE * offset).hypot(by_spread(equations));
+    let sigma = chance
+        .hypot(DRAWN_SHARE * offset)
+        .hypot(by_spread(equations));
     Some((offset, sigma))
 }
 
@@ -331,7 +360,10 @@ fn by_spread(equations: &[Equation]) -> f64 {
 }
 
 fn sum(equations: &[Equation], weights: &[f64], without: Option<usize>) -> (f64, f64) {
-    let kept = equations.iter().zip(weights).filter(|(e, _)| Some(e.frame) != without);
+    let kept = equations
+        .iter()
+        .zip(weights)
+        .filter(|(e, _)| Some(e.frame) != without);
     kept.fold((0.0, 0.0), |(value, effect), (e, w)| {
         let w = w / (SIGMA_PX * SIGMA_PX);
         (

@@ -48,7 +48,8 @@ pub(super) struct Lag {
 impl Signals {
     pub(super) fn push(&mut self, pair: [Gray; 2]) {
         if let Some(last) = &self.last {
-            self.steps.push_back([0, 1].map(|eye| change(&last[eye], &pair[eye])));
+            self.steps
+                .push_back([0, 1].map(|eye| change(&last[eye], &pair[eye])));
             if self.steps.len() >= WINDOW_PAIRS {
                 self.steps.pop_front();
             }
@@ -109,7 +110,10 @@ fn change(before: &Gray, after: &Gray) -> Vec<f64> {
     let height = before.height();
     (0..BANDS)
         .map(|b| {
-            let (from, to) = (b * height / BANDS, ((b + 1) * height / BANDS).max(b * height / BANDS + 1));
+            let (from, to) = (
+                b * height / BANDS,
+                ((b + 1) * height / BANDS).max(b * height / BANDS + 1),
+            );
             let rows = from..to.min(height);
             let count = (rows.len() * before.width()).max(1);
             let sum: u64 = rows
@@ -132,7 +136,9 @@ fn best_lag(signals: &[Vec<Vec<f64>>; 2], bands: &[usize]) -> Option<(f64, f64, 
         .map(|n| correlation(&signals[0], &signals[1], bands, n))
         .collect();
     let best = (0..across.len()).max_by(|&a, &b| across[a].total_cmp(&across[b]))?;
-    let others = (0..across.len()).filter(|i| i.abs_diff(best) >= 2).map(|i| across[i]);
+    let others = (0..across.len())
+        .filter(|i| i.abs_diff(best) >= 2)
+        .map(|i| across[i]);
     let other = others.fold(-1.0, f64::max);
     let own: Vec<f64> = (0..4)
         .map(|n| {
