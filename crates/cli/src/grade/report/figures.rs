@@ -5,17 +5,20 @@ use vergence_geometry::comfort::{AngularDisparity, Rule, Viewing, WidthFraction}
 
 use super::pictures::Embedded;
 use super::{ParallaxSamples, TimeLine};
-use crate::figure::Figure;
 use crate::figure::axis::{Axis, fixed};
 use crate::figure::canvas::{Canvas, Paint, Type};
 use crate::figure::colour::{self, BLUE, GREEN, GREY, INK, ORANGE, PALE, VERMILION, WHITE};
 use crate::figure::lines::{Level, Panel, Series, Stack, Stroke};
+use crate::figure::{Figure, text};
 
 /// Most points that are drawn on the map.
 const MAP_POINTS: usize = 500;
 
 /// Most points of a line of the time line.
 const LINE_POINTS: usize = 600;
+
+/// Height of an empty title of stacked lines.
+const HEAD: f64 = 44.0;
 
 /// Bars of the histogram.
 const BARS: usize = 60;
@@ -167,7 +170,7 @@ pub(super) fn parallax_histogram(samples: &ParallaxSamples) -> Markup {
         figure {
             (inline(&figure, "histogram"))
             figcaption {
-                "Share of the matched points at each horizontal parallax, in percent of the picture's width: minus is in front of the screen, plus behind it. \
+                "Share of the matched points at each horizontal parallax, in percent of the picture's width: minus is in front of the screen, plus behind it; below in arc minutes (\u{2032}), where in front is plus. \
                  Below it what two rules accept on this screen (" (fixed(100.0 * samples.viewing.screen_width_m, 0)) " cm wide, seen from "
                 (fixed(samples.viewing.viewer.distance_m, 2)) " m): green is comfortable, yellow within the limit, red beyond."
                 ul {
@@ -306,9 +309,39 @@ fn draw_band(
 /// Score and measures along the items, drawn for a wide page and for a narrow one.
 pub(super) fn time_line(line: &TimeLine) -> Markup {
     html! {
-        div.wide { (inline(&stack(line, 760.0), "wide")) }
-        div.narrow { (inline(&stack(line, 400.0), "narrow")) }
+        div.wide { (without_head(inline(&stack(line, 760.0), "wide"))) }
+        div.narrow { (without_head(inline(&stack(line, 400.0), "narrow"))) }
     }
+}
+
+/// Without the room for a title that the page has already.
+fn without_head(drawing: Markup) -> Markup {
+    let svg = drawing.into_string();
+    let sizes = svg.split_once("viewBox=\"0 0 ").and_then(|(_, rest)| {
+        let (width, rest) = rest.split_once(' ')?;
+        let (height, _) = rest.split_once('"')?;
+        Some((width.to_owned(), height.parse::<f64>().ok()?))
+    });
+    let Some((width, height)) = sizes else {
+        return PreEscaped(svg);
+    };
+    let whole = format!("viewBox=\"0 0 {width} ");
+    let at = svg.find(&whole).unwrap_or(0);
+    let end = at + svg[at..].find('>').unwrap_or(0);
+    let cut = svg[at..end].replacen(
+        &format!("{whole}{}\"", fixed_short(height)),
+        &format!(
+            "viewBox=\"0 {HEAD} {width} {}\"",
+            fixed_short(height - HEAD)
+        ),
+        1,
+    );
+    PreEscaped(format!("{}{cut}{}", &svg[..at], &svg[end..]))
+}
+
+fn fixed_short(value: f64) -> String {
+    let text = format!("{value:.2}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 fn stack(line: &TimeLine, width: f64) -> Figure {
@@ -330,7 +363,8 @@ fn stack(line: &TimeLine, width: f64) -> Figure {
         let values = points(&|i| items[i].measures.get(m).copied().flatten());
         let y = Axis::around(name, values.iter().map(|p| p.1), &[0.0]);
         let mut panel = Panel::new(y, drawn(values));
-        panel.height = 104.0;
+        // Tall enough for its name along the side.
+        panel.height = (text::width(name, 12.5, false) + 14.0).clamp(104.0, 220.0);
         panels.push(panel);
     }
     let ends = [items.first(), items.last()].map(|i| i.map_or(0.0, |i| i.at));

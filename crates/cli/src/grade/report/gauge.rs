@@ -28,32 +28,48 @@ pub(super) struct Gauge<'a> {
 }
 
 impl Gauge<'_> {
+    /// Where good and look end on the line; a yes or no has nothing between.
+    fn zones(&self) -> [f64; 2] {
+        match self.bad > self.look {
+            true => [LOOK_AT, BAD_AT],
+            false => [0.5 * (LOOK_AT + BAD_AT); 2],
+        }
+    }
+
     /// Where a magnitude lies on the line, 0 to 100: even within each zone, and bad ends at twice its beginning.
     fn place(&self, magnitude: f64) -> f64 {
+        let [look_at, bad_at] = self.zones();
         let (look, bad) = (self.look.max(0.0), self.bad.max(self.look).max(1e-12));
         let place = if magnitude <= look {
             if look > 0.0 {
-                LOOK_AT * magnitude / look
+                look_at * magnitude / look
             } else {
-                LOOK_AT
+                look_at
             }
         } else if magnitude <= bad {
             let span = bad - look;
-            LOOK_AT
-                + (BAD_AT - LOOK_AT)
+            look_at
+                + (bad_at - look_at)
                     * if span > 0.0 {
                         (magnitude - look) / span
                     } else {
                         1.0
                     }
         } else {
-            BAD_AT + (100.0 - BAD_AT) * ((magnitude - bad) / bad).min(1.0)
+            bad_at + (100.0 - bad_at) * ((magnitude - bad) / bad).min(1.0)
         };
         place.clamp(0.0, 100.0)
     }
 
     /// The drawing with its limits as text below.
     pub(super) fn draw(&self) -> Markup {
+        let [look_at, bad_at] = self.zones();
+        // A long unit would run into the limits.
+        let far = if self.ends[1].chars().count() > 6 {
+            ""
+        } else {
+            self.ends[1]
+        };
         let known = self.value.is_finite();
         let at = self.place(self.value.abs());
         let whisker = self.sigma.filter(|s| s.is_finite() && *s > 0.0).map(|s| {
@@ -72,9 +88,9 @@ impl Gauge<'_> {
         html! {
             div.gauge {
                 svg.gauge-bar viewBox="0 0 100 14" preserveAspectRatio="none" role="img" aria-label=(label) {
-                    rect.zone-good x="0" y="3" width=(LOOK_AT) height="8" {}
-                    rect.zone-look x=(LOOK_AT) y="3" width=(BAD_AT - LOOK_AT) height="8" {}
-                    rect.zone-bad x=(BAD_AT) y="3" width=(100.0 - BAD_AT) height="8" {}
+                    rect.zone-good x="0" y="3" width=(look_at) height="8" {}
+                    rect.zone-look x=(look_at) y="3" width=(bad_at - look_at) height="8" {}
+                    rect.zone-bad x=(bad_at) y="3" width=(100.0 - bad_at) height="8" {}
                     @if known {
                         @if let Some([from, to]) = whisker {
                             rect.whisker x=(fine(from)) y="6" width=(fine(to - from)) height="2" {}
@@ -84,9 +100,9 @@ impl Gauge<'_> {
                 }
                 div.gauge-scale aria-hidden="true" {
                     span.gauge-end { (self.ends[0]) }
-                    span.gauge-tick style=(format!("left:{LOOK_AT}%")) { (short(self.look)) }
-                    span.gauge-tick style=(format!("left:{BAD_AT}%")) { (short(self.bad)) }
-                    span.gauge-end.gauge-far { (self.ends[1]) }
+                    span.gauge-tick style=(format!("left:{look_at}%")) { (short(self.look)) }
+                    @if bad_at > look_at { span.gauge-tick style=(format!("left:{bad_at}%")) { (short(self.bad)) } }
+                    span.gauge-end.gauge-far { (far) }
                 }
             }
         }
@@ -162,8 +178,9 @@ mod tests {
             assert!((g.place(value) - place).abs() < 1e-9, "{value}");
         }
         // A limit of nothing, and a yes or no.
-        assert!(gauge(0.0, 0.0).place(1.0) >= BAD_AT);
-        assert!(gauge(0.5, 0.5).place(0.4) < LOOK_AT && gauge(0.5, 0.5).place(0.6) > BAD_AT);
+        assert!(gauge(0.0, 0.0).place(1.0) > BAD_AT);
+        let switch = gauge(0.5, 0.5);
+        assert!(switch.place(0.5) <= switch.zones()[0] && switch.place(0.6) > switch.zones()[0]);
         assert!(gauge(f64::NAN, 1.0).place(0.5).is_finite());
     }
 

@@ -152,6 +152,9 @@ pub(super) fn scores(scores: &[NamedScore]) -> Markup {
                     @for named in scores { (score_row(named)) }
                 }
             }
+            p.legend aria-hidden="true" {
+                @for class in DISTORTIONS { span { span class=(format!("swatch class-{}", class.id())) {} (class.name()) } }
+            }
         }
     }
 }
@@ -278,8 +281,9 @@ pub(super) fn plots(data: &ReportData, backdrop: Option<&Embedded>) -> Markup {
 
 fn window(data: &ReportData) -> Markup {
     html! {
-        section.card aria-label="Window" {
+        section.card.broad aria-label="Window" {
             h2 { "Window" }
+            div.edges {
             figure.frame { (figures::window_frame(&data.window)) }
             table.window {
                 thead { tr { th scope="col" { "Edge" } th scope="col" { "Touched" } th scope="col" { "Nearest" } th scope="col" { "Mask" } } }
@@ -293,6 +297,7 @@ fn window(data: &ReportData) -> Markup {
                         }
                     }
                 }
+            }
             }
             p.direction { "Things in front of the screen that an edge cuts; 0 % best. At the sides a floating window (the mask) repairs it." }
         }
