@@ -9,7 +9,7 @@ use serde_json::Value;
 
 /// The layer of each crate (ARCHITECTURE.md). A crate may depend on crates of lower layers only; dev-dependencies are
 /// free, because tests are where crates of one layer may meet.
-const LAYERS: [(&str, u8); 11] = [
+const LAYERS: [(&str, u8); 12] = [
     ("vergence-geometry", 0),
     ("vergence-imaging", 0),
     ("vergence-scene", 1),
@@ -20,6 +20,7 @@ const LAYERS: [(&str, u8); 11] = [
     ("vergence-control", 1),
     ("vergence-capture", 2),
     ("vergence-servo", 2),
+    ("vergence-training", 2),
     ("vergence", 3),
 ];
 
