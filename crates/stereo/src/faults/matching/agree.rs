@@ -29,30 +29,11 @@ pub(super) struct Tolerance {
 /// For each match whether at least [`SUPPORT`] of its nearest neighbours have about the same displacement.
 pub(super) fn supported(places: &[Place], tolerance: Tolerance) -> Vec<bool> {
     let displacement = |p: &Place| [p.left[0] - p.right[0], p.left[1] - p.right[1]];
-    let mut nearest: Vec<(f64, usize)> = Vec::with_capacity(places.len());
-    places
-        .iter()
-        .enumerate()
-        .map(|(i, place)| {
-            nearest.clear();
-            nearest.extend(
-                places
-                    .iter()
-                    .enumerate()
-                    .filter(|&(j, _)| j != i)
-                    .map(|(j, other)| {
-                        let (dx, dy) =
-                            (place.left[0] - other.left[0], place.left[1] - other.left[1]);
-                        (dx * dx + dy * dy, j)
-                    }),
-            );
-            let count = NEIGHBOURS.min(nearest.len());
-            if count == 0 {
-                return false;
-            }
-            nearest.select_nth_unstable_by(count - 1, |a, b| a.0.total_cmp(&b.0));
-            let here = displacement(place);
-            let agree = nearest[..count].iter().filter(|&&(square, j)| {
+    let mut nearest = Nearest::default();
+    (0..places.len())
+        .map(|i| {
+            let here = displacement(&places[i]);
+            let agree = nearest.of(places, i).iter().filter(|&&(square, j)| {
                 let there = displacement(&places[j]);
                 let reach = square.sqrt();
                 (0..2).all(|k| {
@@ -64,16 +45,38 @@ pub(super) fn supported(places: &[Place], tolerance: Tolerance) -> Vec<bool> {
         .collect()
 }
 
+/// The nearest neighbours of a match in the left picture.
+#[derive(Default)]
+struct Nearest {
+    list: Vec<(f64, usize)>,
+}
+
+impl Nearest {
+    /// (square of the distance, place), at most [`NEIGHBOURS`] of them.
+    fn of(&mut self, places: &[Place], i: usize) -> &[(f64, usize)] {
+        let here = places[i].left;
+        self.list.clear();
+        let others = places.iter().enumerate().filter(|&(j, _)| j != i);
+        self.list.extend(others.map(|(j, other)| {
+            let (dx, dy) = (here[0] - other.left[0], here[1] - other.left[1]);
+            (dx * dx + dy * dy, j)
+        }));
+        let count = NEIGHBOURS.min(self.list.len());
+        if count > 0 {
+            self.list
+                .select_nth_unstable_by(count - 1, |a, b| a.0.total_cmp(&b.0));
+        }
+        &self.list[..count]
+    }
+}
+
 /// The geometry that most matches agree with to `tolerance` half widths, and which do: random samples of four (Fischler & Bolles
 /// 1981), from a fixed seed.
 pub(super) fn consensus(places: &[Place], tolerance: f64) -> Option<(Terms, Vec<bool>)> {
     let mut random = SplitMix(0x5eed_0001);
     let mut best: Option<(f64, Terms)> = None;
     for _ in 0..TRIES {
-        let mut four = [0usize; 4];
-        for k in 0..4 {
-            four[k] = random.below(places.len());
-        }
+        let four = [(); 4].map(|()| random.below(places.len()));
         let Some(terms) = through(places, &four) else {
             continue;
         };
