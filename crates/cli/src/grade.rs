@@ -12,6 +12,7 @@ mod names;
 mod progress;
 mod read;
 mod record;
+mod report;
 mod results;
 mod sequence;
 mod tell;
@@ -130,6 +131,9 @@ pub(crate) struct GradeArgs {
     /// Write results to this file as they come (JSON lines), and go on where an earlier call stopped.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Write a page (index.html, complete in itself) into this folder: pictures, gauges, maps, a line for sequences.
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
     /// Exit code 1 when something is as bad as this.
     #[arg(long, value_enum, value_name = "VERDICT")]
     fail_on: Option<FailOn>,
@@ -183,7 +187,7 @@ pub(crate) fn run(global: &Global, args: &GradeArgs) -> anyhow::Result<()> {
         layout: args.layout,
         workers: if found.several { threads } else { 1 },
         threads_each: if found.several { 1 } else { threads },
-        keep: false,
+        keep: args.report.is_some(),
         stop: &stop,
     };
     let mut teller = Teller::new(
@@ -195,11 +199,29 @@ pub(crate) fn run(global: &Global, args: &GradeArgs) -> anyhow::Result<()> {
         results,
     );
     let feed = Feed::new(found.items, reading, options, earlier);
-    let told = batch::run(feed, &plan, |_, done| teller.tell(done));
+    let mut page = report::Collected::new(&title(args), &grader, found.several);
+    let told = batch::run(feed, &plan, |_, mut done| {
+        if args.report.is_some() {
+            page.take(&mut done);
+        }
+        teller.tell(done)
+    });
     let interrupted = stop.load(std::sync::atomic::Ordering::Relaxed);
     let tally = teller.finish(interrupted)?;
     told?;
+    if let Some(dir) = &args.report {
+        let path = report::write_report(dir, &page.finish())?;
+        output::say(&format!("wrote {}", path.display()));
+    }
     verdict(args, &tally, interrupted)
+}
+
+/// What was named in the call.
+fn title(args: &GradeArgs) -> String {
+    let all = [&args.left, &args.right, &args.list];
+    let named = args.inputs.iter().chain(all.into_iter().flatten());
+    let names: Vec<String> = named.take(6).map(|p| p.display().to_string()).collect();
+    names.join(", ")
 }
 
 /// What the exit code says.

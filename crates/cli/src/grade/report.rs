@@ -3,6 +3,7 @@
 //! No script, no font, no picture comes from elsewhere, and the page forbids its browser to fetch anything. Pictures are reduced
 //! and embedded; drawings are SVG whose colours follow the light or dark scheme. Everything from outside (names, reasons) is escaped.
 
+mod collect;
 mod figures;
 mod gauge;
 mod page;
@@ -18,9 +19,11 @@ use vergence_geometry::comfort::Viewing;
 use vergence_imaging::Rgb;
 use vergence_imaging::files::write_whole;
 use vergence_quality::Score;
-use vergence_stereo::faults::{Cause, Finding, Verdict};
+use vergence_stereo::faults::Verdict;
 
 use crate::fault;
+
+pub(super) use collect::Collected;
 
 /// Name of the page in its folder.
 pub(crate) const PAGE: &str = "index.html";
@@ -124,34 +127,12 @@ pub(crate) struct Judged {
     pub(crate) meaning: String,
 }
 
-impl From<&Finding> for Judged {
-    fn from(f: &Finding) -> Self {
-        Self {
-            name: cause_name(f.cause),
-            value: f.value,
-            sigma: f.sigma,
-            unit: f.unit.to_owned(),
-            look: f.limits.look,
-            bad: f.limits.bad,
-            source: f.limits.source.to_owned(),
-            verdict: f.verdict,
-            meaning: f.meaning.clone(),
-        }
-    }
-}
-
-/// `KeystoneToeIn` as "Keystone toe in".
-pub(crate) fn cause_name(cause: Cause) -> String {
-    let mut name = String::new();
-    for c in format!("{cause:?}").chars() {
-        if c.is_ascii_uppercase() && !name.is_empty() {
-            name.push(' ');
-            name.push(c.to_ascii_lowercase());
-        } else {
-            name.push(c);
-        }
-    }
-    name
+/// `keystone_toe_in` as "Keystone toe in".
+fn readable(id: &str) -> String {
+    let text = id.replace('_', " ");
+    let mut letters = text.chars();
+    let first = letters.next().map(|c| c.to_ascii_uppercase());
+    first.into_iter().chain(letters).collect()
 }
 
 /// Vertical disparity at matched points.
@@ -185,8 +166,6 @@ pub(crate) struct WindowStrip {
     pub(crate) nearest_percent: f64,
     /// Width of the mask that repairs it, pixels; 0 for none.
     pub(crate) mask_px: f64,
-    /// The verdict on this edge.
-    pub(crate) verdict: Verdict,
 }
 
 /// An edge of the picture.

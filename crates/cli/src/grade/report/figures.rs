@@ -416,18 +416,13 @@ pub(super) fn window_frame(strips: &[super::WindowStrip]) -> Markup {
     canvas.rect((12.0, 12.0), (236.0, 136.0), &Paint::line(GREY, 1.0));
     for strip in strips {
         let share = strip.share.clamp(0.0, 1.0);
-        let colour = match strip.verdict {
-            vergence_stereo::faults::Verdict::Good => GREEN,
-            vergence_stereo::faults::Verdict::Look => ORANGE,
-            vergence_stereo::faults::Verdict::Bad => VERMILION,
-        };
         let (corner, size) = match strip.edge {
             Edge::Left => ((6.0, 148.0 - 136.0 * share), (12.0, 136.0 * share)),
             Edge::Right => ((242.0, 148.0 - 136.0 * share), (12.0, 136.0 * share)),
             Edge::Top => ((12.0, 6.0), (236.0 * share, 12.0)),
             Edge::Bottom => ((12.0, 142.0), (236.0 * share, 12.0)),
         };
-        canvas.rect(corner, size, &Paint::area(colour));
+        canvas.rect(corner, size, &Paint::area(ORANGE));
     }
     let figure = canvas.finish_clear(
         "Window",

@@ -290,7 +290,7 @@ fn window(data: &ReportData) -> Markup {
                 tbody {
                     @for strip in &data.window {
                         tr {
-                            th scope="row" { (strip.edge.name()) " " (badge(strip.verdict)) }
+                            th scope="row" { (strip.edge.name()) }
                             td data-label="Touched" { (format!("{:.0}", 100.0 * strip.share)) " % of the edge" }
                             td data-label="Nearest" { (short(strip.nearest_percent)) " % of the width in front" }
                             td data-label="Mask" { @if strip.mask_px > 0.0 { (short(strip.mask_px)) " px" } @else { "none" } }

@@ -1,0 +1,336 @@
+//! From results as they are told to what the page shows: of one item everything; of several their line, and everything of the worst.
+
+use std::cmp::Ordering;
+
+use serde_json::Value;
+use vergence_geometry::comfort::Viewing;
+use vergence_geometry::viewing::Viewer;
+use vergence_quality::{DISTORTIONS, Score};
+use vergence_stereo::faults::{PairFaults, Verdict};
+
+use super::{
+    Edge, Judged, NamedScore, ParallaxSamples, Pictures, ReportData, TimeItem, TimeLine,
+    VerticalMap, WindowStrip, readable,
+};
+use crate::grade::batch::{Done, Graded, Shown};
+use crate::grade::grader::Grader;
+use crate::grade::read;
+use crate::grade::record::{Grade, PairGrade, Record, SCORE, Scored, VerdictEntry, VerdictWord};
+
+/// Causes that are drawn along a line of items.
+const DRAWN: [&str; 3] = ["vertical_offset", "parallax_near", "parallax_far"];
+
+/// Most items of a line; what comes later is counted.
+const MOST_ITEMS: usize = 500_000;
+
+/// What the page will show.
+pub(in crate::grade) struct Collected {
+    title: String,
+    facts: Vec<(String, String)>,
+    viewer: Viewer,
+    screen_width_m: f64,
+    several: bool,
+    items: Vec<TimeItem>,
+    /// Name with unit of each of [`DRAWN`], once one was seen.
+    measures: [Option<String>; 3],
+    timed: bool,
+    cuts: Vec<f64>,
+    /// The verdicts on sequences as a whole.
+    whole: Vec<Judged>,
+    worst: Option<ReportData>,
+    worst_rank: (Option<VerdictWord>, f64),
+    finished: usize,
+    left_out: usize,
+}
+
+impl Collected {
+    /// `title`: what was graded, in the words of the call; `several`: whether there may be more than one item.
+    pub(in crate::grade) fn new(title: &str, grader: &Grader, several: bool) -> Self {
+        let screen = format!(
+            "{:.0} cm wide, seen from {:.2} m",
+            100.0 * grader.screen_width_m,
+            grader.viewer.distance_m
+        );
+        Self {
+            title: title.to_owned(),
+            facts: vec![
+                ("Model".to_owned(), grader.model.name.clone()),
+                ("Screen".to_owned(), screen),
+            ],
+            viewer: grader.viewer,
+            screen_width_m: grader.screen_width_m,
+            several,
+            items: Vec::new(),
+            measures: [const { None }; 3],
+            timed: false,
+            cuts: Vec::new(),
+            whole: Vec::new(),
+            worst: None,
+            worst_rank: (None, f64::NEG_INFINITY),
+            finished: 0,
+            left_out: 0,
+        }
+    }
+
+    /// One more was done.
+    pub(in crate::grade) fn take(&mut self, done: &mut Done) {
+        match done {
+            Done::Finished(_) => self.finished += 1,
+            Done::Graded(graded) => self.graded(graded),
+        }
+    }
+
+    fn graded(&mut self, graded: &mut Graded) {
+        let shown = graded.shown.take();
+        let record = &graded.record;
+        if let Grade::Sequence(sequence) = &record.grade {
+            self.whole.extend(sequence.verdicts.iter().map(judged));
+            let at = |cut: &Value| cut.get("time_s").and_then(Value::as_f64);
+            self.cuts.extend(sequence.cuts.iter().filter_map(at));
+            return;
+        }
+        if self.several {
+            self.line_up(record);
+        }
+        let rank = (
+            record.verdict(),
+            record.score().unwrap_or(f64::NEG_INFINITY),
+        );
+        let worse = match rank.0.cmp(&self.worst_rank.0) {
+            Ordering::Equal => rank.1 > self.worst_rank.1,
+            order => order == Ordering::Greater,
+        };
+        if self.worst.is_none() || worse {
+            self.worst_rank = rank;
+            self.worst = Some(self.page_of(record, shown));
+        }
+    }
+
+    fn line_up(&mut self, record: &Record) {
+        if self.items.len() == MOST_ITEMS {
+            self.left_out += 1;
+            return;
+        }
+        let mut measures = Vec::new();
+        for (cause, name) in DRAWN.iter().zip(&mut self.measures) {
+            let found = record.verdicts().iter().find(|v| v.cause == *cause);
+            if let Some(entry) = found {
+                name.get_or_insert_with(|| format!("{} / {}", readable(cause), entry.unit));
+            }
+            measures.push(found.map(|v| v.value));
+        }
+        self.timed |= record.time_s.is_some();
+        self.items.push(TimeItem {
+            at: record.time_s.unwrap_or(self.items.len() as f64 + 1.0),
+            name: record.item.clone(),
+            score: record.score(),
+            verdict: record.verdict().map(verdict),
+            measures,
+            failure: record.failure().map(str::to_owned),
+        });
+    }
+
+    /// Everything of one item.
+    fn page_of(&self, record: &Record, shown: Option<Shown>) -> ReportData {
+        let mut data = ReportData::new(&record.item);
+        data.facts.clone_from(&self.facts);
+        data.remarks.clone_from(&record.remarks);
+        data.verdict = record.verdict().map(verdict);
+        // The score's own verdict stands beside the score.
+        let causes = record.verdicts().iter().filter(|v| v.cause != "quality");
+        data.causes = causes.map(judged).collect();
+        match &record.grade {
+            Grade::Picture(picture) => {
+                let [w, h] = picture.size_px;
+                data.facts
+                    .push(("Size".to_owned(), format!("{w} \u{d7} {h} px")));
+                data.scores = vec![named("picture", Ok(&picture.scored), true)];
+            }
+            Grade::Pair(pair) => fill_pair(&mut data, pair),
+            Grade::Failed { error } => data.not_judged = vec![("item".to_owned(), error.clone())],
+            Grade::Sequence(_) => {}
+        }
+        let Some(Shown { content, faults }) = shown else {
+            return data;
+        };
+        if let (Some(faults), Grade::Pair(pair)) = (&faults, &record.grade) {
+            let viewing = Viewing {
+                viewer: self.viewer,
+                screen_width_m: self.screen_width_m,
+                width_px: pair.size_px[0],
+            };
+            fill_points(&mut data, faults, viewing);
+        }
+        data.pictures = match content.pictures {
+            read::Pictures::One(picture) => Pictures::One(picture),
+            read::Pictures::Two { eyes, .. } => {
+                let [left, right] = eyes;
+                Pictures::Pair { left, right }
+            }
+        };
+        data
+    }
+
+    /// All that was collected.
+    pub(in crate::grade) fn finish(self) -> ReportData {
+        let mut data = self.worst.unwrap_or_else(|| ReportData::new(&self.title));
+        if self.finished > 0 {
+            let text = format!(
+                "{} items that an earlier call had finished are not shown",
+                self.finished
+            );
+            data.remarks.push(text);
+        }
+        if self.left_out > 0 {
+            data.remarks
+                .push(format!("the last {} items are not drawn", self.left_out));
+        }
+        data.causes.extend(self.whole);
+        if !self.several {
+            return data;
+        }
+        data.verdict = self.items.iter().filter_map(|i| i.verdict).max();
+        let worst = std::mem::replace(&mut data.title, self.title);
+        data.facts
+            .push(("Shown here: the worst item".to_owned(), worst));
+        let known: Vec<usize> = (0..DRAWN.len())
+            .filter(|m| self.measures[*m].is_some())
+            .collect();
+        let mut items = self.items;
+        for item in &mut items {
+            item.measures = known.iter().map(|m| item.measures[*m]).collect();
+        }
+        if self.timed {
+            items.sort_by(|a, b| a.at.total_cmp(&b.at));
+        }
+        data.time_line = Some(TimeLine {
+            axis: if self.timed { "time / s" } else { "item" }.to_owned(),
+            measures: self.measures.into_iter().flatten().collect(),
+            items,
+            cuts: self.cuts,
+        });
+        data
+    }
+}
+
+fn verdict(word: VerdictWord) -> Verdict {
+    match word {
+        VerdictWord::Good => Verdict::Good,
+        VerdictWord::Look => Verdict::Look,
+        VerdictWord::Bad => Verdict::Bad,
+    }
+}
+
+fn judged(entry: &VerdictEntry) -> Judged {
+    Judged {
+        name: readable(&entry.cause),
+        value: entry.value,
+        sigma: entry.sigma,
+        unit: entry.unit.to_owned(),
+        look: entry.look,
+        bad: entry.bad,
+        source: entry.source.to_owned(),
+        verdict: verdict(entry.verdict),
+        meaning: entry.meaning.clone(),
+    }
+}
+
+fn named(name: &str, scored: Result<&Scored, String>, limited: bool) -> NamedScore {
+    let of = |map: &std::collections::BTreeMap<&str, f64>| {
+        DISTORTIONS.map(|d| map.get(d.id()).copied().unwrap_or(0.0))
+    };
+    NamedScore {
+        name: name.to_owned(),
+        score: scored.map(|s| Score {
+            score: s.score,
+            class_probabilities: of(&s.class_probabilities),
+            regression_scores: of(&s.regression_scores),
+        }),
+        limits: limited.then_some([SCORE.look, SCORE.bad]),
+    }
+}
+
+fn fill_pair(data: &mut ReportData, pair: &PairGrade) {
+    let [w, h] = pair.size_px;
+    data.facts
+        .push(("Size".to_owned(), format!("{w} \u{d7} {h} px each")));
+    let layout = format!("{} ({})", pair.layout.name, pair.layout.reason);
+    data.facts.push(("Layout".to_owned(), layout));
+    for (name, scored) in [
+        ("left", &pair.left),
+        ("right", &pair.right),
+        ("fused", &pair.fused),
+        ("difference", &pair.difference),
+    ] {
+        let why = || {
+            let why = pair.not_judged.get(name);
+            why.cloned().unwrap_or_else(|| "not measured".to_owned())
+        };
+        let worse = pair.worse.as_ref().is_some_and(|w| w.eye == name);
+        let shown = if worse {
+            format!("{name} (worse eye)")
+        } else {
+            name.to_owned()
+        };
+        let scored = scored.as_ref().ok_or_else(why);
+        // A difference is no picture that anybody looks at.
+        data.scores
+            .push(named(&shown, scored, name != "difference"));
+    }
+    let scores = ["left", "right", "fused", "difference"];
+    let others = pair
+        .not_judged
+        .iter()
+        .filter(|(what, _)| !scores.contains(&what.as_str()));
+    data.not_judged = others
+        .map(|(what, why)| (readable(what), why.clone()))
+        .collect();
+    if let Some(window) = pair.measures.get("window_violation") {
+        data.window = strips(window);
+    }
+}
+
+/// The edges from their group of fields.
+fn strips(window: &Value) -> Vec<WindowStrip> {
+    let edges = [
+        (Edge::Left, Some("mask_left_of_left_px")),
+        (Edge::Right, Some("mask_right_of_right_px")),
+        (Edge::Top, None),
+        (Edge::Bottom, None),
+    ];
+    let strip = |(edge, mask): (Edge, Option<&str>)| {
+        let of = |field: &str| window.get(edge.name())?.get(field)?.as_f64();
+        Some(WindowStrip {
+            edge,
+            share: of("share")?,
+            nearest_percent: of("nearest_percent").unwrap_or(0.0),
+            mask_px: mask.and_then(|m| window.get(m)?.as_f64()).unwrap_or(0.0),
+        })
+    };
+    edges.into_iter().filter_map(strip).collect()
+}
+
+/// What is drawn of the matched points.
+fn fill_points(data: &mut ReportData, faults: &PairFaults, viewing: Viewing) {
+    let (w, h) = faults.size;
+    let points = &faults.matches.points;
+    let at = |dy: &dyn Fn([f64; 2], [f64; 2]) -> f64| {
+        let sample = |p: &vergence_stereo::faults::PointMatch| {
+            let (l, r) = ([p.left_px.x, p.left_px.y], [p.right_px.x, p.right_px.y]);
+            [l[0], l[1], dy(l, r)]
+        };
+        points.iter().map(sample).collect()
+    };
+    data.vertical = Some(VerticalMap {
+        size_px: [w, h],
+        samples: at(&|l, r| l[1] - r[1]),
+        residuals: at(&|l, r| faults.alignment.model.residual_px(l, r)),
+    });
+    let percent = |p: &vergence_stereo::faults::PointMatch| {
+        100.0 * (p.right_px.x - p.left_px.x) / w.max(1) as f64
+    };
+    data.parallax = Some(ParallaxSamples {
+        percent: points.iter().map(percent).collect(),
+        viewing,
+    });
+}
