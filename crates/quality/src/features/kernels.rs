@@ -1,17 +1,10 @@
-//! Inner loops over rows of samples, eight lanes at a time so that they vectorise. Each sum has one fixed order on one
-//! machine; where the machine can, products are added without rounding in between.
-//!
-//! Loops are written out with indices: closures and iterators would be compiled on their own, without the instructions that
-//! `multiversion` selects.
+//! Inner loops over rows of samples, in the widest vectors that the machine has (`pulp` selects them at run time). Each sum
+//! has one fixed order on one kind of machine; where the machine can, products are added without rounding in between.
 
-// See above.
+// Loops over a few registers read best with indices.
 #![allow(clippy::needless_range_loop)]
 
-use multiversion::multiversion;
-use multiversion::target::target_cfg_f;
-
-/// Samples in step.
-pub(crate) const LANES: usize = 8;
+use pulp::{Arch, Simd, WithSimd};
 
 /// Entries of a sample's vector: 3 x 3 neighbours, five other orientations, the parent (zeros where there is none).
 pub(crate) const ENTRIES: usize = 15;
@@ -25,179 +18,214 @@ const BLOCK: usize = 5;
 /// Blocks on and above the diagonal.
 const BLOCK_PAIRS: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
 
-/// Samples of one row that are handled together: their vectors fit the first cache.
-const TILE: usize = 128;
+/// Samples of one row after which the next block is taken, so that they stay in the first cache.
+const TILE: usize = 256;
 
-/// Lanes done at once where each needs one sum only.
+/// Vectors of samples divided at once.
 const WIDE: usize = 4;
-
-/// The vectors of a piece of a row side by side, zeros after its end: one block of fixed size, whose indices need no
-/// checks.
-type Tile = [[f64; TILE]; ENTRIES];
-
-pub(crate) type Lane = [f64; LANES];
 
 /// The vectors of one row's samples: entry by entry, slices of one length.
 pub(crate) type RowVectors<'a> = [&'a [f64]; ENTRIES];
 
-/// Upper triangle (with the diagonal blocks whole) of a sum of y yᵀ.
-pub(crate) type Products = [[f64; ENTRIES]; ENTRIES];
+/// A matrix over the entries.
+pub(crate) type Matrix = [[f64; ENTRIES]; ENTRIES];
 
-/// a b + c.
-#[inline(always)]
-pub(crate) fn madd<const FUSED: bool>(a: f64, b: f64, c: f64) -> f64 {
-    if FUSED { a.mul_add(b, c) } else { a * b + c }
+/// Sum of y yᵀ over the samples of some rows; entries i <= j are valid.
+pub(crate) fn products(rows: &[RowVectors]) -> Matrix {
+    Arch::new().dispatch(SumOfProducts { rows })
 }
 
-#[inline(always)]
-pub(crate) fn added(lane: &Lane) -> f64 {
-    let [a, b, c, d, e, f, g, h] = lane;
-    ((a + e) + (b + f)) + ((c + g) + (d + h))
+struct SumOfProducts<'a, 'b> {
+    rows: &'a [RowVectors<'b>],
 }
 
-/// Sum of y yᵀ over the samples of some rows, entries i <= j valid.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
-pub(crate) fn products(rows: &[RowVectors]) -> Products {
-    if target_cfg_f!(target_feature = "fma") {
-        products_of::<true>(rows)
-    } else {
-        products_of::<false>(rows)
-    }
-}
+/// Sums of one block, in the lanes.
+type Block<S> = [[<S as Simd>::f64s; BLOCK]; BLOCK];
 
-#[inline(always)]
-fn products_of<const FUSED: bool>(rows: &[RowVectors]) -> Products {
-    let mut lanes = [[[[0.0; LANES]; BLOCK]; BLOCK]; BLOCK_PAIRS.len()];
-    let mut tile = [[0.0; TILE]; ENTRIES];
-    for row in rows {
-        for from in (0..row[0].len()).step_by(TILE) {
-            pack(row, from, &mut tile);
-            for (p, (i, j)) in BLOCK_PAIRS.into_iter().enumerate() {
-                block_products::<FUSED>(&tile, i * BLOCK, j * BLOCK, &mut lanes[p]);
+impl WithSimd for SumOfProducts<'_, '_> {
+    type Output = Matrix;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Matrix {
+        let zero = simd.splat_f64s(0.0);
+        let mut blocks: [Block<S>; 6] = [[[zero; BLOCK]; BLOCK]; 6];
+        for row in self.rows {
+            let n = row[0].len();
+            let mut from = 0;
+            while from < n {
+                let to = n.min(from + TILE);
+                for p in 0..BLOCK_PAIRS.len() {
+                    let (i, j) = BLOCK_PAIRS[p];
+                    let a = split::<S>(row, i * BLOCK, from, to);
+                    let b = split::<S>(row, j * BLOCK, from, to);
+                    block_products(simd, a, b, &mut blocks[p]);
+                }
+                from = to;
             }
         }
-    }
-    let mut sums = [[0.0; ENTRIES]; ENTRIES];
-    for (lanes, (i, j)) in lanes.iter().zip(BLOCK_PAIRS) {
-        for k in 0..BLOCK {
-            for l in 0..BLOCK {
-                sums[i * BLOCK + k][j * BLOCK + l] = added(&lanes[k][l]);
+        let mut sums = [[0.0; ENTRIES]; ENTRIES];
+        for p in 0..BLOCK_PAIRS.len() {
+            let (i, j) = BLOCK_PAIRS[p];
+            for k in 0..BLOCK {
+                for l in 0..BLOCK {
+                    sums[i * BLOCK + k][j * BLOCK + l] = simd.reduce_sum_f64s(blocks[p][k][l]);
+                }
             }
         }
-    }
-    sums
-}
-
-#[inline(always)]
-fn pack(row: &RowVectors, from: usize, tile: &mut Tile) {
-    let count = TILE.min(row[0].len() - from);
-    for (samples, row) in tile.iter_mut().zip(row) {
-        samples[..count].copy_from_slice(&row[from..from + count]);
-        samples[count..].fill(0.0);
+        sums
     }
 }
 
+/// Whole vectors and what is left.
+type Split<'a, S> = (&'a [<S as Simd>::f64s], &'a [f64]);
+
 #[inline(always)]
-fn block_products<const FUSED: bool>(
-    tile: &Tile,
-    i: usize,
-    j: usize,
-    sums: &mut [[Lane; BLOCK]; BLOCK],
+fn split<'a, S: Simd>(
+    row: &RowVectors<'a>,
+    entry: usize,
+    from: usize,
+    to: usize,
+) -> [Split<'a, S>; BLOCK] {
+    let empty: Split<S> = (&[], &[]);
+    let mut parts = [empty; BLOCK];
+    for k in 0..BLOCK {
+        parts[k] = S::as_simd_f64s(&row[entry + k][from..to]);
+    }
+    parts
+}
+
+#[inline(always)]
+fn block_products<S: Simd>(
+    simd: S,
+    [a0, a1, a2, a3, a4]: [Split<S>; BLOCK],
+    [b0, b1, b2, b3, b4]: [Split<S>; BLOCK],
+    sums: &mut Block<S>,
 ) {
-    let a: &[[f64; TILE]; BLOCK] = five(tile, i);
-    let b: &[[f64; TILE]; BLOCK] = five(tile, j);
     let mut local = *sums;
-    for c in 0..TILE / LANES {
+    let a = a0.0.iter().zip(a1.0).zip(a2.0).zip(a3.0).zip(a4.0);
+    let b = b0.0.iter().zip(b1.0).zip(b2.0).zip(b3.0).zip(b4.0);
+    for (((((x0, x1), x2), x3), x4), ((((y0, y1), y2), y3), y4)) in a.zip(b) {
+        let (x, y) = ([*x0, *x1, *x2, *x3, *x4], [*y0, *y1, *y2, *y3, *y4]);
         for i in 0..BLOCK {
             for j in 0..BLOCK {
-                for l in 0..LANES {
-                    let (x, y) = (a[i][c * LANES + l], b[j][c * LANES + l]);
-                    local[i][j][l] = madd::<FUSED>(x, y, local[i][j][l]);
-                }
+                local[i][j] = simd.mul_add_e_f64s(x[i], y[j], local[i][j]);
+            }
+        }
+    }
+    if !a0.1.is_empty() {
+        let x = last(simd, [a0.1, a1.1, a2.1, a3.1, a4.1]);
+        let y = last(simd, [b0.1, b1.1, b2.1, b3.1, b4.1]);
+        for i in 0..BLOCK {
+            for j in 0..BLOCK {
+                local[i][j] = simd.mul_add_e_f64s(x[i], y[j], local[i][j]);
             }
         }
     }
     *sums = local;
 }
 
+/// The samples that do not fill a vector, and zeros.
 #[inline(always)]
-fn five(tile: &Tile, from: usize) -> &[[f64; TILE]; BLOCK] {
-    // A block always lies inside; the other arm is never taken.
-    match tile[from..].first_chunk() {
-        Some(block) => block,
-        None => &[[0.0; TILE]; BLOCK],
+fn last<S: Simd>(simd: S, parts: [&[f64]; BLOCK]) -> [S::f64s; BLOCK] {
+    let mut vectors = [simd.splat_f64s(0.0); BLOCK];
+    for k in 0..BLOCK {
+        vectors[k] = simd.partial_load_f64s(parts[k]);
     }
+    vectors
 }
 
 /// What turns the samples of a row into normalised ones.
 pub(crate) struct Divisor {
     /// Rᵀ of the upper triangular R with RᵀR the inverse covariance; zero beyond it.
-    pub(crate) factor: Products,
+    pub(crate) factor: Matrix,
     /// 1 / N.
     pub(crate) scale: f64,
     /// Taken from each sample first.
     pub(crate) mean: f64,
 }
 
-/// (sample - mean) / z of a row's samples, z² = |R y|² / N; false when a z is zero or not a number.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
-pub(crate) fn divide(row: &RowVectors, by: &Divisor, out: &mut [f64]) -> bool {
-    if target_cfg_f!(target_feature = "fma") {
-        divide_of::<true>(row, by, out)
-    } else {
-        divide_of::<false>(row, by, out)
+/// (sample - mean) / z of a row's samples, z² = |R y|² / N; not finite where z is zero.
+pub(crate) fn divide(row: &RowVectors, by: &Divisor, out: &mut [f64]) {
+    Arch::new().dispatch(Division { row, by, out });
+}
+
+struct Division<'a, 'b> {
+    row: &'a RowVectors<'b>,
+    by: &'a Divisor,
+    out: &'a mut [f64],
+}
+
+impl WithSimd for Division<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Division { row, by, out } = self;
+        let mut whole: [&[S::f64s]; ENTRIES] = [&[]; ENTRIES];
+        let mut rest = [[simd.splat_f64s(0.0)]; ENTRIES];
+        for k in 0..ENTRIES {
+            let (body, tail) = S::as_simd_f64s(row[k]);
+            whole[k] = body;
+            rest[k] = [simd.partial_load_f64s(tail)];
+        }
+        let (body, tail) = S::as_mut_simd_f64s(out);
+        let mut at = 0;
+        while at + WIDE <= body.len() {
+            let divided = divided::<S, WIDE>(simd, &whole, at, by);
+            body[at..at + WIDE].copy_from_slice(&divided);
+            at += WIDE;
+        }
+        while at < body.len() {
+            body[at] = divided::<S, 1>(simd, &whole, at, by)[0];
+            at += 1;
+        }
+        if !tail.is_empty() {
+            let mut last: [&[S::f64s]; ENTRIES] = [&[]; ENTRIES];
+            for k in 0..ENTRIES {
+                last[k] = &rest[k];
+            }
+            let divided = divided::<S, 1>(simd, &last, 0, by)[0];
+            simd.partial_store_f64s(tail, divided);
+        }
     }
 }
 
+/// `W` vectors of samples from `at`, five rows of R at a time, from their diagonal on.
 #[inline(always)]
-fn divide_of<const FUSED: bool>(row: &RowVectors, by: &Divisor, out: &mut [f64]) -> bool {
-    let mut tile = [[0.0; TILE]; ENTRIES];
-    let mut fine = true;
-    for (i, out) in out.chunks_mut(TILE).enumerate() {
-        pack(row, i * TILE, &mut tile);
-        let mut forms = [0.0; TILE];
-        for w in 0..TILE / (LANES * WIDE) {
-            form::<FUSED>(&tile, w * LANES * WIDE, by, &mut forms);
-        }
-        for x in 0..out.len() {
-            fine &= forms[x] > 0.0;
-            out[x] = (tile[CENTRE][x] - by.mean) / forms[x].sqrt();
-        }
-    }
-    fine
-}
-
-/// |R y|² / N of `LANES * WIDE` samples from `at`.
-#[inline(always)]
-fn form<const FUSED: bool>(tile: &Tile, at: usize, by: &Divisor, forms: &mut [f64; TILE]) {
-    let mut squares = [[0.0; LANES]; WIDE];
-    // Five rows of R at a time, from their diagonal on.
-    for first in [0, BLOCK, 2 * BLOCK] {
-        let mut t = [[[0.0; LANES]; WIDE]; BLOCK];
+fn divided<S: Simd, const W: usize>(
+    simd: S,
+    row: &[&[S::f64s]; ENTRIES],
+    at: usize,
+    by: &Divisor,
+) -> [S::f64s; W] {
+    let zero = simd.splat_f64s(0.0);
+    let mut squares = [zero; W];
+    let mut first = 0;
+    while first < ENTRIES {
+        let mut t = [[zero; W]; BLOCK];
         for j in first..ENTRIES {
+            let y = &row[j][at..at + W];
             for i in 0..BLOCK {
-                let factor = by.factor[j][first + i];
-                for w in 0..WIDE {
-                    for l in 0..LANES {
-                        let y = tile[j][at + w * LANES + l];
-                        t[i][w][l] = madd::<FUSED>(factor, y, t[i][w][l]);
-                    }
+                let factor = simd.splat_f64s(by.factor[j][first + i]);
+                for w in 0..W {
+                    t[i][w] = simd.mul_add_e_f64s(factor, y[w], t[i][w]);
                 }
             }
         }
         for i in 0..BLOCK {
-            for w in 0..WIDE {
-                for l in 0..LANES {
-                    squares[w][l] = madd::<FUSED>(t[i][w][l], t[i][w][l], squares[w][l]);
-                }
+            for w in 0..W {
+                squares[w] = simd.mul_add_e_f64s(t[i][w], t[i][w], squares[w]);
             }
         }
+        first += BLOCK;
     }
-    for w in 0..WIDE {
-        for l in 0..LANES {
-            forms[at + w * LANES + l] = squares[w][l] * by.scale;
-        }
+    let centre = &row[CENTRE][at..at + W];
+    let (scale, mean) = (simd.splat_f64s(by.scale), simd.splat_f64s(by.mean));
+    for w in 0..W {
+        let z = simd.sqrt_f64s(simd.mul_f64s(squares[w], scale));
+        squares[w] = simd.div_f64s(simd.sub_f64s(centre[w], mean), z);
     }
+    squares
 }
 
 /// Sums over a row, and its extremes.
@@ -211,40 +239,72 @@ pub(crate) struct RowSums {
 }
 
 /// Subtract `mean` from a row's samples and sum them.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
 pub(crate) fn centre(row: &mut [f64], mean: f64) -> RowSums {
-    let mut lanes = [[0.0; LANES]; 3];
-    let mut least = [f64::INFINITY; LANES];
-    let mut greatest = [f64::NEG_INFINITY; LANES];
-    for chunk in row.chunks_mut(LANES) {
-        for (l, v) in chunk.iter_mut().enumerate() {
-            let t = *v - mean;
+    Arch::new().dispatch(Centring { row, mean })
+}
+
+struct Centring<'a> {
+    row: &'a mut [f64],
+    mean: f64,
+}
+
+impl WithSimd for Centring<'_> {
+    type Output = RowSums;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> RowSums {
+        let (body, tail) = S::as_mut_simd_f64s(self.row);
+        let mean = simd.splat_f64s(self.mean);
+        let zero = simd.splat_f64s(0.0);
+        let mut sums = [zero; 3];
+        let mut least = simd.splat_f64s(f64::INFINITY);
+        let mut greatest = simd.splat_f64s(f64::NEG_INFINITY);
+        for v in body {
+            let t = simd.sub_f64s(*v, mean);
             *v = t;
-            lanes[0][l] += t;
-            lanes[1][l] += t * t;
-            lanes[2][l] += t.abs();
-            least[l] = if t < least[l] { t } else { least[l] };
-            greatest[l] = if t > greatest[l] { t } else { greatest[l] };
+            sums[0] = simd.add_f64s(sums[0], t);
+            sums[1] = simd.mul_add_e_f64s(t, t, sums[1]);
+            sums[2] = simd.add_f64s(sums[2], simd.abs_f64s(t));
+            least = simd.min_f64s(least, t);
+            greatest = simd.max_f64s(greatest, t);
         }
-    }
-    let [sum, squares, absolute] = lanes.each_ref().map(added);
-    RowSums {
-        sum,
-        squares,
-        absolute,
-        least: least.into_iter().fold(f64::INFINITY, f64::min),
-        greatest: greatest.into_iter().fold(f64::NEG_INFINITY, f64::max),
+        let mut all = RowSums {
+            sum: simd.reduce_sum_f64s(sums[0]),
+            squares: simd.reduce_sum_f64s(sums[1]),
+            absolute: simd.reduce_sum_f64s(sums[2]),
+            least: simd.reduce_min_f64s(least),
+            greatest: simd.reduce_max_f64s(greatest),
+        };
+        for v in tail {
+            *v -= self.mean;
+            all.sum += *v;
+            all.squares += *v * *v;
+            all.absolute += v.abs();
+            all.least = all.least.min(*v);
+            all.greatest = all.greatest.max(*v);
+        }
+        all
     }
 }
 
-/// Sum of a row in the order of the other sums.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
+/// Sum of a row.
 pub(crate) fn sum(row: &[f64]) -> f64 {
-    let mut lanes = [0.0; LANES];
-    for chunk in row.chunks(LANES) {
-        for (lane, v) in lanes.iter_mut().zip(chunk) {
-            *lane += v;
+    Arch::new().dispatch(Sum(row))
+}
+
+struct Sum<'a>(&'a [f64]);
+
+impl WithSimd for Sum<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> f64 {
+        let (body, tail) = S::as_simd_f64s(self.0);
+        let mut sum = simd.splat_f64s(0.0);
+        for v in body {
+            sum = simd.add_f64s(sum, *v);
         }
+        tail.iter()
+            .fold(simd.reduce_sum_f64s(sum), |sum, v| sum + v)
     }
-    added(&lanes)
 }

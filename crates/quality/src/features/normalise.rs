@@ -6,9 +6,7 @@ use rayon::prelude::*;
 use vergence_imaging::Plane;
 
 use super::enlarge::{Enlargement, enlarged};
-use super::kernels::{
-    CENTRE, Divisor, ENTRIES, Products, RowVectors, centre, divide, products, sum,
-};
+use super::kernels::{CENTRE, Divisor, ENTRIES, Matrix, RowVectors, centre, divide, products, sum};
 use super::shape::Sums;
 use super::tables::ORIENTATIONS;
 use crate::error::QualityError;
@@ -56,11 +54,13 @@ pub fn normalised(
     let guard = GUARDS[b / ORIENTATIONS];
     let inner = width - 2 * guard;
     let mut map = Plane::filled(inner, height - 2 * guard, 0.0);
-    // Rows in the guard band only have to be positive.
+    // Rows in the guard band only must not have a z of zero, which makes their sum infinite or not a number.
     let guarded = (0..guard).chain(height - guard..height);
-    let mut fine = guarded.into_iter().all(|row| {
+    let guarded: Vec<usize> = guarded.collect();
+    let guard_fine = guarded.par_iter().all(|&row| {
         let mut out = vec![0.0; width];
-        divide(&neighbourhood.row(row), &divisor, &mut out)
+        divide(&neighbourhood.row(row), &divisor, &mut out);
+        sum(&out).is_finite()
     });
     let blocks: Vec<(f64, bool)> = map
         .samples_mut()
@@ -72,7 +72,8 @@ pub fn normalised(
                 let (mut total, mut fine) = (0.0, true);
                 for (i, samples) in rows.chunks_exact_mut(inner).enumerate() {
                     let row = guard + block * ROWS + i;
-                    fine &= divide(&neighbourhood.row(row), &divisor, out);
+                    divide(&neighbourhood.row(row), &divisor, out);
+                    fine &= sum(out).is_finite();
                     samples.copy_from_slice(&out[guard..guard + inner]);
                     total += sum(samples);
                 }
@@ -80,7 +81,7 @@ pub fn normalised(
             },
         )
         .collect();
-    fine &= blocks.iter().all(|b| b.1);
+    let fine = guard_fine && blocks.iter().all(|b| b.1);
     let total: f64 = blocks.iter().map(|b| b.0).sum();
     let (sums, range) = centred(&mut map, total);
     if fine && sums.squares.is_finite() {
@@ -166,7 +167,7 @@ impl<'a> Neighbourhood<'a> {
         let (width, height) = self.size();
         let count = (width * height) as f64;
         let starts: Vec<usize> = (0..height).step_by(ROWS).collect();
-        let blocks: Vec<(Products, f64)> = starts
+        let blocks: Vec<(Matrix, f64)> = starts
             .par_iter()
             .map(|&from| {
                 let rows: Vec<RowVectors> = (from..height.min(from + ROWS))

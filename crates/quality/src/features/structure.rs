@@ -4,17 +4,15 @@
 //! σ = 1.5. The window is separable: columns first, straight from the samples, then rows of the three moments, so that
 //! nothing but a few rows is kept.
 
-// Loops with indices, for the reason given in `kernels`.
+// Loops over a few registers read best with indices.
 #![allow(clippy::needless_range_loop)]
 
 use std::sync::LazyLock;
 
-use multiversion::multiversion;
-use multiversion::target::target_cfg_f;
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use vergence_imaging::Plane;
 
-use super::kernels::{LANES, Lane, added, madd};
 use super::plain;
 
 /// Side of the window.
@@ -66,7 +64,12 @@ impl<'a> Reference<'a> {
                         .chunks_exact_mut(width)
                         .zip(variances.chunks_exact_mut(width));
                     for (i, (mean, variance)) in rows.enumerate() {
-                        moments(&rows_from(map, block * ROWS + i), columns, mean, variance);
+                        Arch::new().dispatch(Moments {
+                            rows: &rows_from(map, block * ROWS + i),
+                            columns,
+                            mean,
+                            variance,
+                        });
                     }
                 },
             );
@@ -83,13 +86,13 @@ impl<'a> Reference<'a> {
         let width = other.width();
         let [sum] = over_windows(other.size(), |columns: &mut Vec<f64>, y| {
             columns.resize(3 * width, 0.0);
-            let maps = (rows_from(self.map, y), rows_from(other, y));
-            [with_reference(
-                &maps.0,
-                &maps.1,
-                (self.mean.row(y), self.variance.row(y)),
+            [Arch::new().dispatch(WithReference {
+                a: &rows_from(self.map, y),
+                b: &rows_from(other, y),
+                mean: self.mean.row(y),
+                variance: self.variance.row(y),
                 columns,
-            )]
+            })]
         });
         sum
     }
@@ -103,7 +106,10 @@ pub fn among(maps: [&Plane<f64>; MAPS]) -> [f64; PAIRS] {
     }
     over_windows((width, height), |columns: &mut Vec<f64>, y| {
         columns.resize((2 * MAPS + PAIRS) * width, 0.0);
-        all_pairs(&maps.map(|map| rows_from(map, y)), columns)
+        Arch::new().dispatch(AllPairs {
+            maps: &maps.map(|map| rows_from(map, y)),
+            columns,
+        })
     })
 }
 
@@ -149,53 +155,54 @@ fn rows_from(map: &Plane<f64>, y: usize) -> Rows<'_> {
     std::array::from_fn(|k| map.row(y + k))
 }
 
-/// Samples done at once.
-const WIDE: usize = 4 * LANES;
+/// Vectors done at once.
+const WIDE: usize = 4;
 
-/// Narrowest map that has `WIDE` windows in a row.
-const MIN_WIDTH: usize = WIDE + SIDE - 1;
+/// Lanes of the widest vectors there are.
+const MOST_LANES: usize = 8;
 
-/// Sums in the lanes of `WIDE` samples.
-type Wide = [Lane; 4];
+/// Narrowest map that has as many windows in a row as are done at once.
+const MIN_WIDTH: usize = WIDE * MOST_LANES + SIDE - 1;
 
-const NONE: Wide = [[0.0; LANES]; 4];
+/// Neighbouring samples.
+type Wide<S> = [<S as Simd>::f64s; WIDE];
 
-/// Piece `i` of `WIDE` places of a row: the first of them, and how many of them have been done before, because the last
+/// Piece `i` of places done at once: the first of them, and how many of them have been done before, because the last
 /// piece ends with the row.
 #[inline(always)]
-fn piece(i: usize, places: usize) -> (usize, usize) {
-    let x = (i * WIDE).min(places - WIDE);
-    (x, i * WIDE - x)
+fn piece<S: Simd>(i: usize, places: usize) -> (usize, usize) {
+    let size = WIDE * S::F64_LANES;
+    let x = (i * size).min(places - size);
+    (x, i * size - x)
 }
 
 #[inline(always)]
-fn load(row: &[f64], x: usize) -> Wide {
-    let mut wide = NONE;
-    let row = &row[x..x + WIDE];
-    for w in 0..4 {
-        wide[w].copy_from_slice(&row[w * LANES..(w + 1) * LANES]);
-    }
-    wide
+fn pieces<S: Simd>(places: usize) -> usize {
+    places.div_ceil(WIDE * S::F64_LANES)
 }
 
 #[inline(always)]
-fn store(wide: &Wide, row: &mut [f64], x: usize) {
-    let row = &mut row[x..x + WIDE];
-    for w in 0..4 {
-        row[w * LANES..(w + 1) * LANES].copy_from_slice(&wide[w]);
-    }
+fn load<S: Simd>(row: &[f64], x: usize) -> Wide<S> {
+    let (v, _) = S::as_simd_f64s(&row[x..x + WIDE * S::F64_LANES]);
+    [v[0], v[1], v[2], v[3]]
+}
+
+#[inline(always)]
+fn store<S: Simd>(wide: &Wide<S>, row: &mut [f64], x: usize) {
+    let (v, _) = S::as_mut_simd_f64s(&mut row[x..x + WIDE * S::F64_LANES]);
+    v.copy_from_slice(wide);
 }
 
 /// Weighted means along a row.
 #[inline(always)]
-fn along<const FUSED: bool>(row: &[f64], x: usize, window: &Window) -> Wide {
-    let mut mean = NONE;
+fn along<S: Simd>(simd: S, row: &[f64], x: usize, window: &Window) -> Wide<S> {
+    let row = &row[x..x + WIDE * S::F64_LANES + SIDE - 1];
+    let mut mean = [simd.splat_f64s(0.0); WIDE];
     for k in 0..SIDE {
-        let samples = load(row, x + k);
-        for w in 0..4 {
-            for l in 0..LANES {
-                mean[w][l] = madd::<FUSED>(window[k], samples[w][l], mean[w][l]);
-            }
+        let samples = load::<S>(row, k);
+        let weight = simd.splat_f64s(window[k]);
+        for w in 0..WIDE {
+            mean[w] = simd.mul_add_e_f64s(weight, samples[w], mean[w]);
         }
     }
     mean
@@ -203,16 +210,16 @@ fn along<const FUSED: bool>(row: &[f64], x: usize, window: &Window) -> Wide {
 
 /// Weighted means of a and a² down the columns.
 #[inline(always)]
-fn down<const FUSED: bool>(rows: &Rows, x: usize, window: &Window) -> (Wide, Wide) {
-    let (mut a, mut aa) = (NONE, NONE);
+fn down<S: Simd>(simd: S, rows: &Rows, x: usize, window: &Window) -> (Wide<S>, Wide<S>) {
+    let zero = [simd.splat_f64s(0.0); WIDE];
+    let (mut a, mut aa) = (zero, zero);
     for k in 0..SIDE {
-        let samples = load(rows[k], x);
-        for w in 0..4 {
-            for l in 0..LANES {
-                let weighted = window[k] * samples[w][l];
-                a[w][l] += weighted;
-                aa[w][l] = madd::<FUSED>(weighted, samples[w][l], aa[w][l]);
-            }
+        let samples = load::<S>(rows[k], x);
+        let weight = simd.splat_f64s(window[k]);
+        for w in 0..WIDE {
+            let weighted = simd.mul_f64s(weight, samples[w]);
+            a[w] = simd.add_f64s(a[w], weighted);
+            aa[w] = simd.mul_add_e_f64s(weighted, samples[w], aa[w]);
         }
     }
     (a, aa)
@@ -220,196 +227,202 @@ fn down<const FUSED: bool>(rows: &Rows, x: usize, window: &Window) -> (Wide, Wid
 
 /// Weighted means of a b down the columns.
 #[inline(always)]
-fn down_product<const FUSED: bool>(a: &Rows, b: &Rows, x: usize, window: &Window) -> Wide {
-    let mut ab = NONE;
+fn down_product<S: Simd>(simd: S, a: &Rows, b: &Rows, x: usize, window: &Window) -> Wide<S> {
+    let mut ab = [simd.splat_f64s(0.0); WIDE];
     for k in 0..SIDE {
-        let (sample_a, sample_b) = (load(a[k], x), load(b[k], x));
-        for w in 0..4 {
-            for l in 0..LANES {
-                let weighted = window[k] * sample_a[w][l];
-                ab[w][l] = madd::<FUSED>(weighted, sample_b[w][l], ab[w][l]);
-            }
+        let (sample_a, sample_b) = (load::<S>(a[k], x), load::<S>(b[k], x));
+        let weight = simd.splat_f64s(window[k]);
+        for w in 0..WIDE {
+            let weighted = simd.mul_f64s(weight, sample_a[w]);
+            ab[w] = simd.mul_add_e_f64s(weighted, sample_b[w], ab[w]);
         }
     }
     ab
 }
 
-/// E[a²] - E[a]², written over the second.
+/// E[a²] - E[a]².
 #[inline(always)]
-fn spread(mean: &Wide, squares: &mut Wide) {
-    for w in 0..4 {
-        for l in 0..LANES {
-            squares[w][l] -= mean[w][l] * mean[w][l];
-        }
+fn spread<S: Simd>(simd: S, mean: &Wide<S>, squares: &Wide<S>) -> Wide<S> {
+    let mut spread = *squares;
+    for w in 0..WIDE {
+        spread[w] = simd.sub_f64s(squares[w], simd.mul_f64s(mean[w], mean[w]));
     }
+    spread
 }
 
 /// Adds CS of the windows that were not done before.
 #[inline(always)]
-fn add(ab: &Wide, means: [&Wide; 2], spreads: [&Wide; 2], done: usize, sums: &mut Lane) {
-    let mut cs = NONE;
-    for w in 0..4 {
-        for l in 0..LANES {
-            let covariance = ab[w][l] - means[0][w][l] * means[1][w][l];
-            let spread = spreads[0][w][l] + spreads[1][w][l];
-            cs[w][l] = (2.0 * covariance + C2) / (spread + C2);
-        }
+fn add<S: Simd>(
+    simd: S,
+    ab: &Wide<S>,
+    [mean_a, mean_b]: [&Wide<S>; 2],
+    [spread_a, spread_b]: [&Wide<S>; 2],
+    done: usize,
+    sum: &mut S::f64s,
+) {
+    let (two, c2) = (simd.splat_f64s(2.0), simd.splat_f64s(C2));
+    let mut cs = *ab;
+    for w in 0..WIDE {
+        let covariance = simd.sub_f64s(ab[w], simd.mul_f64s(mean_a[w], mean_b[w]));
+        let above = simd.mul_add_e_f64s(two, covariance, c2);
+        let below = simd.add_f64s(simd.add_f64s(spread_a[w], spread_b[w]), c2);
+        cs[w] = simd.div_f64s(above, below);
     }
-    if done == 0 {
-        for w in 0..4 {
-            for l in 0..LANES {
-                sums[l] += cs[w][l];
-            }
-        }
-    } else {
-        for i in done..WIDE {
-            sums[i % LANES] += cs[i / LANES][i % LANES];
-        }
+    if done > 0 {
+        let mut places = [0.0; WIDE * MOST_LANES];
+        store::<S>(&cs, &mut places, 0);
+        places[..done].fill(0.0);
+        cs = load::<S>(&places, 0);
+    }
+    for w in 0..WIDE {
+        *sum = simd.add_f64s(*sum, cs[w]);
     }
 }
 
 /// Local means and variances of one row of windows.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
-fn moments(rows: &Rows, columns: &mut [f64], mean: &mut [f64], variance: &mut [f64]) {
-    if target_cfg_f!(target_feature = "fma") {
-        moments_of::<true>(rows, columns, mean, variance);
-    } else {
-        moments_of::<false>(rows, columns, mean, variance);
+struct Moments<'a> {
+    rows: &'a Rows<'a>,
+    /// Room for two rows.
+    columns: &'a mut [f64],
+    mean: &'a mut [f64],
+    variance: &'a mut [f64],
+}
+
+impl WithSimd for Moments<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let window = &*WINDOW;
+        let width = self.rows[0].len();
+        let (first, second) = self.columns.split_at_mut(width);
+        for i in 0..pieces::<S>(width) {
+            let (x, _) = piece::<S>(i, width);
+            let (a, aa) = down(simd, self.rows, x, window);
+            store::<S>(&a, first, x);
+            store::<S>(&aa, second, x);
+        }
+        let windows = self.mean.len();
+        for i in 0..pieces::<S>(windows) {
+            let (x, _) = piece::<S>(i, windows);
+            let a = along(simd, first, x, window);
+            let aa = along(simd, second, x, window);
+            store::<S>(&a, self.mean, x);
+            store::<S>(&spread(simd, &a, &aa), self.variance, x);
+        }
     }
 }
 
-#[inline(always)]
-fn moments_of<const FUSED: bool>(
-    rows: &Rows,
-    columns: &mut [f64],
-    mean: &mut [f64],
-    variance: &mut [f64],
-) {
-    let window = &*WINDOW;
-    let width = rows[0].len();
-    let (first, second) = columns.split_at_mut(width);
-    for i in 0..width.div_ceil(WIDE) {
-        let (x, _) = piece(i, width);
-        let (a, aa) = down::<FUSED>(rows, x, window);
-        store(&a, first, x);
-        store(&aa, second, x);
-    }
-    for i in 0..mean.len().div_ceil(WIDE) {
-        let (x, _) = piece(i, mean.len());
-        let a = along::<FUSED>(first, x, window);
-        let mut aa = along::<FUSED>(second, x, window);
-        spread(&a, &mut aa);
-        store(&a, mean, x);
-        store(&aa, variance, x);
+/// Sum of CS over one row of windows.
+struct WithReference<'a> {
+    a: &'a Rows<'a>,
+    b: &'a Rows<'a>,
+    /// Of a.
+    mean: &'a [f64],
+    variance: &'a [f64],
+    /// Room for three rows.
+    columns: &'a mut [f64],
+}
+
+impl WithSimd for WithReference<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> f64 {
+        let window = &*WINDOW;
+        let width = self.a[0].len();
+        let (first, rest) = self.columns.split_at_mut(width);
+        let (second, third) = rest.split_at_mut(width);
+        let zero = simd.splat_f64s(0.0);
+        for i in 0..pieces::<S>(width) {
+            let (x, _) = piece::<S>(i, width);
+            let (mut eb, mut ebb, mut eab) = ([zero; WIDE], [zero; WIDE], [zero; WIDE]);
+            for k in 0..SIDE {
+                let (a, b) = (load::<S>(self.a[k], x), load::<S>(self.b[k], x));
+                let weight = simd.splat_f64s(window[k]);
+                for w in 0..WIDE {
+                    let weighted = simd.mul_f64s(weight, b[w]);
+                    eb[w] = simd.add_f64s(eb[w], weighted);
+                    ebb[w] = simd.mul_add_e_f64s(weighted, b[w], ebb[w]);
+                    eab[w] = simd.mul_add_e_f64s(weighted, a[w], eab[w]);
+                }
+            }
+            store::<S>(&eb, first, x);
+            store::<S>(&ebb, second, x);
+            store::<S>(&eab, third, x);
+        }
+        let mut sum = zero;
+        let windows = self.mean.len();
+        for i in 0..pieces::<S>(windows) {
+            let (x, done) = piece::<S>(i, windows);
+            let eb = along(simd, first, x, window);
+            let ebb = along(simd, second, x, window);
+            let eab = along(simd, third, x, window);
+            let (ea, va) = (load::<S>(self.mean, x), load::<S>(self.variance, x));
+            let vb = spread(simd, &eb, &ebb);
+            add(simd, &eab, [&ea, &eb], [&va, &vb], done, &mut sum);
+        }
+        simd.reduce_sum_f64s(sum)
     }
 }
 
-/// Sum of CS over one row of windows; `columns` is room for three rows of moments.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
-fn with_reference(a: &Rows, b: &Rows, known: (&[f64], &[f64]), columns: &mut [f64]) -> f64 {
-    if target_cfg_f!(target_feature = "fma") {
-        with_reference_of::<true>(a, b, known, columns)
-    } else {
-        with_reference_of::<false>(a, b, known, columns)
-    }
+/// Sums of CS of all pairs over one row of windows.
+struct AllPairs<'a> {
+    maps: &'a [Rows<'a>; MAPS],
+    /// Room for the moments: means, squares, products of pairs.
+    columns: &'a mut [f64],
 }
 
-#[inline(always)]
-fn with_reference_of<const FUSED: bool>(
-    a: &Rows,
-    b: &Rows,
-    (mean_a, var_a): (&[f64], &[f64]),
-    columns: &mut [f64],
-) -> f64 {
-    let window = &*WINDOW;
-    let width = a[0].len();
-    let (first, rest) = columns.split_at_mut(width);
-    let (second, third) = rest.split_at_mut(width);
-    for i in 0..width.div_ceil(WIDE) {
-        let (x, _) = piece(i, width);
-        let (mut eb, mut ebb, mut eab) = (NONE, NONE, NONE);
-        for k in 0..SIDE {
-            let (sample_a, sample_b) = (load(a[k], x), load(b[k], x));
-            for w in 0..4 {
-                for l in 0..LANES {
-                    let weighted = window[k] * sample_b[w][l];
-                    eb[w][l] += weighted;
-                    ebb[w][l] = madd::<FUSED>(weighted, sample_b[w][l], ebb[w][l]);
-                    eab[w][l] = madd::<FUSED>(weighted, sample_a[w][l], eab[w][l]);
+impl WithSimd for AllPairs<'_> {
+    type Output = [f64; PAIRS];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> [f64; PAIRS] {
+        let (maps, window) = (self.maps, &*WINDOW);
+        let width = maps[0][0].len();
+        for i in 0..pieces::<S>(width) {
+            let (x, _) = piece::<S>(i, width);
+            let mut product = 2 * MAPS;
+            for a in 0..MAPS {
+                let (mean, squares) = down(simd, &maps[a], x, window);
+                store::<S>(&mean, &mut self.columns[a * width..], x);
+                store::<S>(&squares, &mut self.columns[(MAPS + a) * width..], x);
+                for b in a + 1..MAPS {
+                    let ab = down_product(simd, &maps[a], &maps[b], x, window);
+                    store::<S>(&ab, &mut self.columns[product * width..], x);
+                    product += 1;
                 }
             }
         }
-        store(&eb, first, x);
-        store(&ebb, second, x);
-        store(&eab, third, x);
-    }
-    let mut sums = [0.0; LANES];
-    let windows = mean_a.len();
-    for i in 0..windows.div_ceil(WIDE) {
-        let (x, done) = piece(i, windows);
-        let eb = along::<FUSED>(first, x, window);
-        let mut ebb = along::<FUSED>(second, x, window);
-        let eab = along::<FUSED>(third, x, window);
-        spread(&eb, &mut ebb);
-        let (ea, va) = (load(mean_a, x), load(var_a, x));
-        add(&eab, [&ea, &eb], [&va, &ebb], done, &mut sums);
-    }
-    added(&sums)
-}
-
-/// Sums of CS over one row of windows; `columns` is room for the moments: means, squares, products of pairs.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
-fn all_pairs(maps: &[Rows; MAPS], columns: &mut [f64]) -> [f64; PAIRS] {
-    if target_cfg_f!(target_feature = "fma") {
-        all_pairs_of::<true>(maps, columns)
-    } else {
-        all_pairs_of::<false>(maps, columns)
-    }
-}
-
-#[inline(always)]
-fn all_pairs_of<const FUSED: bool>(maps: &[Rows; MAPS], columns: &mut [f64]) -> [f64; PAIRS] {
-    let window = &*WINDOW;
-    let width = maps[0][0].len();
-    for i in 0..width.div_ceil(WIDE) {
-        let (x, _) = piece(i, width);
-        let mut product = 2 * MAPS;
-        for a in 0..MAPS {
-            let (mean, squares) = down::<FUSED>(&maps[a], x, window);
-            store(&mean, &mut columns[a * width..], x);
-            store(&squares, &mut columns[(MAPS + a) * width..], x);
-            for b in a + 1..MAPS {
-                let ab = down_product::<FUSED>(&maps[a], &maps[b], x, window);
-                store(&ab, &mut columns[product * width..], x);
-                product += 1;
+        let columns = &*self.columns;
+        let zero = simd.splat_f64s(0.0);
+        let mut sums = [zero; PAIRS];
+        let windows = width - (SIDE - 1);
+        for i in 0..pieces::<S>(windows) {
+            let (x, done) = piece::<S>(i, windows);
+            let (mut means, mut spreads) = ([[zero; WIDE]; MAPS], [[zero; WIDE]; MAPS]);
+            for m in 0..MAPS {
+                means[m] = along(simd, &columns[m * width..], x, window);
+                let squares = along(simd, &columns[(MAPS + m) * width..], x, window);
+                spreads[m] = spread(simd, &means[m], &squares);
+            }
+            let mut p = 0;
+            for a in 0..MAPS {
+                for b in a + 1..MAPS {
+                    let ab = along(simd, &columns[(2 * MAPS + p) * width..], x, window);
+                    let means = [&means[a], &means[b]];
+                    let spreads = [&spreads[a], &spreads[b]];
+                    add(simd, &ab, means, spreads, done, &mut sums[p]);
+                    p += 1;
+                }
             }
         }
-    }
-    let mut sums = [[0.0; LANES]; PAIRS];
-    let windows = width - (SIDE - 1);
-    for i in 0..windows.div_ceil(WIDE) {
-        let (x, done) = piece(i, windows);
-        let (mut means, mut spreads) = ([NONE; MAPS], [NONE; MAPS]);
-        for m in 0..MAPS {
-            means[m] = along::<FUSED>(&columns[m * width..], x, window);
-            spreads[m] = along::<FUSED>(&columns[(MAPS + m) * width..], x, window);
-            spread(&means[m], &mut spreads[m]);
+        let mut totals = [0.0; PAIRS];
+        for p in 0..PAIRS {
+            totals[p] = simd.reduce_sum_f64s(sums[p]);
         }
-        let mut p = 0;
-        for a in 0..MAPS {
-            for b in a + 1..MAPS {
-                let ab = along::<FUSED>(&columns[(2 * MAPS + p) * width..], x, window);
-                let (means, spreads) = ([&means[a], &means[b]], [&spreads[a], &spreads[b]]);
-                add(&ab, means, spreads, done, &mut sums[p]);
-                p += 1;
-            }
-        }
+        totals
     }
-    let mut totals = [0.0; PAIRS];
-    for p in 0..PAIRS {
-        totals[p] = added(&sums[p]);
-    }
-    totals
 }
 
 #[cfg(test)]
