@@ -161,6 +161,7 @@ pub(crate) fn run(global: &Global, args: &GradeArgs) -> anyhow::Result<()> {
     let reading = Reading {
         layout: args.layout,
         every_s: every_s(&args.every)?,
+        screen: grader.screen(),
     };
     let found = inputs::items(&Typed {
         inputs: &args.inputs,
@@ -308,8 +309,8 @@ fn digest(grader: &Grader, reading: Reading) -> anyhow::Result<String> {
     digest.take(env!("CARGO_PKG_VERSION").as_bytes());
     digest.take(grader.model.to_json()?.as_bytes());
     let rest = format!(
-        "{:?} {} {} {:?} {} {reading:?}",
-        grader.viewer, grader.screen_width_m, grader.crosstalk, grader.rig, grader.features
+        "{} {:?} {} {reading:?}",
+        grader.crosstalk, grader.rig, grader.features
     );
     digest.take(rest.as_bytes());
     Ok(digest.text())

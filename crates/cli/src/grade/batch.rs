@@ -216,7 +216,7 @@ fn graded(work: Work, plan: &Plan<'_>) -> Result<Outcome, String> {
         Work::Pair(left, right) => read::pair(&left, &right)?,
         Work::Ready(content) => *content,
         Work::Whole(collector) => {
-            let grade = collector.grade(plan.grader);
+            let grade = collector.grade();
             return Ok((Grade::Sequence(Box::new(grade)), Vec::new(), None));
         }
         Work::Failed(why) => return Err(why),

@@ -7,6 +7,7 @@ use vergence_capture::{CaptureError, Frames, OnFault, Pairer, PairingLimits};
 use vergence_geometry::Eye;
 use vergence_imaging::{Rgb, files};
 
+use super::grader::Screening;
 use super::inputs::{Item, Source};
 use super::layout::{self, Layout, LayoutChoice};
 use super::read::{self, Content, Pictures};
@@ -55,6 +56,8 @@ pub(super) struct Reading {
     pub(super) layout: LayoutChoice,
     /// Seconds between the frames of a film that are graded; 0 is every frame.
     pub(super) every_s: f64,
+    /// For the depth at cuts.
+    pub(super) screen: Screening,
 }
 
 /// The work of a call.
@@ -223,7 +226,9 @@ impl Feed {
                 content,
             } = frame;
             if let Ok(content) = &content {
-                running.collector.take(&content.pictures);
+                running
+                    .collector
+                    .take(&content.pictures, &self.reading.screen);
             }
             let due = time_s.is_none_or(|t| t + 1e-9 >= running.next_s);
             if !due {

@@ -2,11 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use serde_json::{Value, json};
 use vergence_geometry::comfort::Viewing;
 use vergence_geometry::{StereoArray, Viewer};
 use vergence_imaging::{Gray, Rgb};
 use vergence_quality::{Features, Model, features, features_from_gray};
-use vergence_stereo::faults::{self, Conditions, PairFaults};
+use vergence_stereo::faults::{self, Conditions, PairFaults, appearance};
+use vergence_stereo::fuse::{self, FuseSettings};
 
 use super::eyes;
 use super::measures;
@@ -28,6 +30,24 @@ pub(crate) struct Grader {
     pub(crate) features: bool,
 }
 
+/// The screen and its viewer.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Screening {
+    pub(crate) viewer: Viewer,
+    pub(crate) width_m: f64,
+}
+
+impl Screening {
+    /// For pictures of this width.
+    pub(crate) fn viewing(&self, width_px: usize) -> Viewing {
+        Viewing {
+            viewer: self.viewer,
+            screen_width_m: self.width_m,
+            width_px,
+        }
+    }
+}
+
 /// A pair's result and what a report draws of it.
 pub(crate) struct Graded {
     pub(crate) grade: Grade,
@@ -35,6 +55,14 @@ pub(crate) struct Graded {
 }
 
 impl Grader {
+    /// The screen and its viewer.
+    pub(crate) fn screen(&self) -> Screening {
+        Screening {
+            viewer: self.viewer,
+            width_m: self.screen_width_m,
+        }
+    }
+
     /// Grade one or two pictures.
     pub(crate) fn grade(&self, pictures: &Pictures) -> Graded {
         match pictures {
@@ -83,12 +111,21 @@ impl Grader {
             .ok();
         let mut measured = measures::groups(faults.as_ref());
         let mut verdicts: Vec<VerdictEntry> = Vec::new();
-        let mut more = None;
+        let mut fused = None;
         if let Some(faults) = &faults {
-            let mut found = eyes::measure(eyes, faults);
+            let mut found = eyes::fields(faults);
             not_judged.append(&mut found.not_judged);
             measured.append(&mut found.groups);
-            more = found.swapped_entry;
+            let (scored, shares) = self.fused(eyes, faults);
+            measured.insert("fusion", shares);
+            fused = scored
+                .map_err(|why| not_judged.insert("fused".to_owned(), why))
+                .ok();
+        } else {
+            not_judged.insert(
+                "fused".to_owned(),
+                "the pair could not be matched".to_owned(),
+            );
         }
         for group in measures::LATER {
             not_judged.insert(group.0.to_owned(), group.1.to_owned());
@@ -101,8 +138,6 @@ impl Grader {
         }
         let findings = faults.iter().flat_map(|f| &f.findings);
         verdicts.extend(findings.map(VerdictEntry::from));
-        // What the pair's own findings judge is not judged twice.
-        verdicts.extend(more.filter(|m| !verdicts.iter().any(|v| v.cause == m.cause)));
         let judged = faults.is_some() && worse.is_some();
         let verdict: Option<VerdictWord> = verdicts.iter().map(|v| v.verdict).max();
         Graded {
@@ -113,7 +148,7 @@ impl Grader {
                 right,
                 difference,
                 worse,
-                fused: None,
+                fused,
                 measures: measured,
                 verdict: verdict.filter(|_| judged),
                 verdicts,
@@ -121,6 +156,32 @@ impl Grader {
             })),
             faults,
         }
+    }
+
+    /// Score of what the two eyes make of the pair, and how much of it stays double.
+    fn fused(&self, eyes: &[Rgb; 2], faults: &PairFaults) -> (Result<Scored, String>, Value) {
+        let Some(seen) = &faults.appearance else {
+            return (
+                Err("no dense map of the pair can be made".to_owned()),
+                Value::Null,
+            );
+        };
+        let vertical = appearance::vertical_px(&faults.alignment, &faults.parallax);
+        let fused = fuse::fused(
+            [&eyes[0], &eyes[1]],
+            &seen.map,
+            &vertical,
+            &self.screen().viewing(eyes[0].width()),
+            &FuseSettings::default(),
+        );
+        let shares = json!({
+            "double_share": fused.double_share,
+            "monocular_share": fused.monocular_share,
+        });
+        (
+            self.scored(&features::grey_from_rgb(&fused.picture)),
+            shares,
+        )
     }
 
     /// Score of a grey picture, or why it has none.
@@ -144,11 +205,7 @@ impl Grader {
     }
 
     fn conditions(&self, width_px: usize) -> Conditions {
-        let mut conditions = Conditions::new(Viewing {
-            viewer: self.viewer,
-            screen_width_m: self.screen_width_m,
-            width_px,
-        });
+        let mut conditions = Conditions::new(self.screen().viewing(width_px));
         conditions.crosstalk = self.crosstalk;
         conditions.rig = self.rig.map(|(rig, _)| rig);
         conditions.sensor_width_m = self.rig.map(|(_, width)| width);

@@ -8,18 +8,13 @@ use vergence_stereo::faults::alignment::{Alignment, Estimate};
 use vergence_stereo::faults::parallax::{ParallaxAt, ParallaxRange};
 
 /// All groups, in the order of the documentation; a group that was not measured is null.
-pub(super) const GROUPS: [&str; 4] = ["matches", "parallax", "vertical", "lens"];
+pub(super) const GROUPS: [&str; 5] = ["matches", "parallax", "vertical", "lens", "fusion"];
 
 /// Fields of which one pair alone says nothing, with the reason.
-pub(super) const LATER: [(&str, &str); 4] = [
-    (
-        "time_offset_frames",
-        "one pair tells nothing of time; a sequence does",
-    ),
-    ("window_violation", "not measured yet"),
-    ("ghosting", "not measured yet"),
-    ("shape", "not measured yet"),
-];
+pub(super) const LATER: [(&str, &str); 1] = [(
+    "time_offset_frames",
+    "one pair tells nothing of time; a sequence does",
+)];
 
 /// What was measured, group by group.
 pub(super) fn groups(faults: Option<&PairFaults>) -> BTreeMap<&'static str, Value> {

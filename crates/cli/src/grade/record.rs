@@ -168,12 +168,19 @@ pub(crate) struct PairGrade {
 pub(crate) struct SequenceGrade {
     /// Frames that were graded.
     pub(crate) frames: usize,
+    /// Pairs that were read.
+    pub(crate) pairs: usize,
+    /// Of a film.
+    pub(crate) frames_per_second: Option<f64>,
     /// Scores over the graded frames (of pairs the worse eye's).
     pub(crate) score: Option<Spread>,
     /// How much later the right eye's pictures were taken, frames.
     pub(crate) time_offset_frames: Option<f64>,
     pub(crate) time_offset: Value,
+    /// Cuts, each with what depth does there.
     pub(crate) cuts: Vec<Value>,
+    /// Cuts beyond those that are listed.
+    pub(crate) more_cuts: usize,
     pub(crate) verdict: Option<VerdictWord>,
     pub(crate) verdicts: Vec<VerdictEntry>,
     pub(crate) not_judged: BTreeMap<String, String>,
