@@ -108,14 +108,14 @@ fn checked_against(own: &Plane<f32>, other: &Plane<f32>, sign: f32) -> Checked {
     let mut seen = Plane::filled(width, height, Seen::Both);
     for y in 0..height {
         let reached = reached_from(other.row(y), -sign);
-        for x in 0..width {
+        for (x, reached) in reached.iter().enumerate() {
             let d = own.at(x, y);
             let there = (x as f32 + sign * d).round();
             let inside = there >= 0.0 && there < width as f32;
             let agrees = inside && (other.at(there as usize, y) - d).abs() <= AGREE_PX;
             if !agrees {
                 map.set(x, y, f32::NAN);
-                let occluded = !inside || !reached[x];
+                let occluded = !inside || !reached;
                 seen.set(
                     x,
                     y,

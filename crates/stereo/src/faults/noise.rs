@@ -91,7 +91,7 @@ fn block(plane: &Gray, x: usize, y: usize) -> Option<Block> {
             (low, high, total) = (low.min(mean), high.max(mean), total + mean / 9.0);
         }
     }
-    if total < MEANS[0] || total > MEANS[1] {
+    if !(MEANS[0]..=MEANS[1]).contains(&total) {
         return None;
     }
     let mut squares = 0.0;

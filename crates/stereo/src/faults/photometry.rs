@@ -294,8 +294,8 @@ fn matrix(areas: &[Area]) -> Option<[[f64; 3]; 3]> {
         for a in &kept {
             let x = Vector4::new(a.means[0][0], a.means[0][1], a.means[0][2], 1.0);
             normal += x * x.transpose();
-            for c in 0..3 {
-                right[c] += x * a.means[1][c];
+            for (right, &mean) in right.iter_mut().zip(&a.means[1]) {
+                *right += x * mean;
             }
         }
         if least_colour_spread(&normal) < LEAST_COLOUR {

@@ -242,7 +242,7 @@ impl Transform {
                 let radius = ((k * k + l * l) as f64).sqrt().round() as usize;
                 // A slanted surface has another width in each eye but the same height: mostly horizontal waves are left out.
                 match radius {
-                    r if r >= FIRST_BIN && r < FIRST_BIN + BINS && 2 * l >= k => {
+                    r if (FIRST_BIN..FIRST_BIN + BINS).contains(&r) && 2 * l >= k => {
                         counts[r - FIRST_BIN] += 1.0;
                         r - FIRST_BIN
                     }

@@ -1,7 +1,7 @@
 //! Time offset between the eyes, from a sequence of pairs.
 //!
-//! Two ways, see `docs/concept-pair-faults.md`. *Motion signal*: how much moves in each band of rows, over time, is the same in both
-//! eyes whatever the depth, only later in one of them; the lag of best correlation is the offset. *Vertical residue*: a point that moves
+//! Two ways, see `docs/concept-pair-faults.md`. *Motion signal*: how much moves in each band of rows, over time, is nearly the same in
+//! both eyes, only later in one of them; the lag of best correlation is the offset, to half a frame or so where there is parallax. *Vertical residue*: a point that moves
 //! up or down by `v` px a frame is `v τ` higher or lower in the other eye.
 
 mod blocks;
@@ -54,6 +54,11 @@ const SIGNAL_WIDTH: f64 = 320.0;
 
 /// Width of the pictures that blocks are matched in, px.
 const BLOCK_WIDTH: f64 = 640.0;
+
+/// Two cameras see what moves before two backgrounds, which it covers at two times: that shifts the motion signal by up to about this,
+/// frames, when parallax is this and more, px of the pictures that blocks are matched in.
+const UNLIKE_FRAMES: f64 = 0.4;
+const UNLIKE_FROM_PX: f64 = 4.0;
 
 /// Measures the offset over a sliding window of pairs; memory is bounded by [`WINDOW_PAIRS`] reduced pictures.
 #[derive(Clone, Debug)]
@@ -126,13 +131,15 @@ impl TimeWindow {
         let Some(signal) = self.signals.lag() else {
             return nothing("nothing moves, or what moves does not agree between the eyes");
         };
+        let residue = blocks::residue(&self.frames, signal.frames);
+        let parallax_px = residue.parallax_px.unwrap_or(UNLIKE_FROM_PX);
+        let unlike = UNLIKE_FRAMES * (parallax_px / UNLIKE_FROM_PX).min(1.0);
         let mut signs = vec![TimeSign {
             name: "motion signal",
             frames: signal.frames,
-            sigma_frames: signal.sigma_frames,
+            sigma_frames: signal.sigma_frames.hypot(unlike),
         }];
-        let residue = blocks::residue(&self.frames, signal.frames);
-        signs.extend(residue.map(|(frames, sigma_frames)| TimeSign {
+        signs.extend(residue.offset.map(|(frames, sigma_frames)| TimeSign {
             name: "vertical residue",
             frames,
             sigma_frames,

@@ -25,7 +25,7 @@ struct Strip {
 pub(super) fn blended(
     pair: [&Rgb; 2],
     seen: &Cyclopean,
-    double: &dyn Fn(f64, f64) -> f64,
+    double: &(dyn Fn(f64, f64) -> f64 + Sync),
 ) -> Fused {
     let (width, height) = pair[0].size();
     let mut samples = Vec::with_capacity(width * height);
@@ -61,7 +61,7 @@ pub(super) fn blended(
 fn strip(
     pair: [&Rgb; 2],
     seen: &Cyclopean,
-    double: &dyn Fn(f64, f64) -> f64,
+    double: &(dyn Fn(f64, f64) -> f64 + Sync),
     rows: std::ops::Range<usize>,
 ) -> Strip {
     let (width, height) = pair[0].size();
@@ -71,36 +71,39 @@ fn strip(
         double: Plane::filled(width, rows.len(), 0.0),
     };
     let inside = |(x, y): (i64, i64)| x >= 0 && y >= 0 && x < width as i64 && y < height as i64;
-    // Neighbours have like disparities: the angles of the last one serve again.
-    let mut last = (f64::NAN, f64::NAN, 0.0);
-    for y in rows.clone() {
+    let [left, right] = &mut strip.eyes;
+    let by = strip.by.samples_mut().par_chunks_mut(width);
+    let doubles = strip.double.samples_mut().par_chunks_mut(width);
+    let left = left.samples_mut().par_chunks_mut(width);
+    let right = right.samples_mut().par_chunks_mut(width);
+    let lines = left.zip(right).zip(by).zip(doubles).enumerate();
+    lines.for_each(|(row, (((left, right), by), doubles))| {
+        // Neighbours have like disparities: the angles of the last one serve again.
+        let mut last = (f64::NAN, f64::NAN, 0.0);
         for x in 0..width {
-            let Place {
-                at,
-                by,
-                disparity,
-                vertical,
-            } = seen.place(x, y);
-            let by = match (by, at.map(inside)) {
+            let place = seen.place(x, rows.start + row);
+            by[x] = match (place.by, place.at.map(inside)) {
                 (_, [true, false]) => By::Left,
                 (_, [false, true]) => By::Right,
                 (by, _) => by,
             };
-            let at = at.map(|(x, y)| {
+            let at = place.at.map(|(x, y)| {
                 let x = x.clamp(0, width as i64 - 1) as usize;
                 (x, y.clamp(0, height as i64 - 1) as usize)
             });
+            let Place {
+                disparity,
+                vertical,
+                ..
+            } = place;
             if (disparity, vertical) != (last.0, last.1) {
                 last = (disparity, vertical, double(disparity, vertical));
             }
-            let row = y - rows.start;
-            for eye in 0..2 {
-                strip.eyes[eye].set(x, row, pair[eye].at(at[eye].0, at[eye].1));
-            }
-            strip.by.set(x, row, by);
-            strip.double.set(x, row, last.2 as f32);
+            left[x] = pair[0].at(at[0].0, at[0].1);
+            right[x] = pair[1].at(at[1].0, at[1].1);
+            doubles[x] = last.2 as f32;
         }
-    }
+    });
     strip
 }
 

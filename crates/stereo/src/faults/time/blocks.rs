@@ -59,10 +59,58 @@ const ALIKE: f64 = 8.0;
 /// Blocks hold some of what does not move, which draws the fraction to the whole frame by up to this share of it.
 const DRAWN_SHARE: f64 = 0.15;
 
-/// Offset in frames and its standard deviation; `near` is known to half a frame or so.
-pub(super) fn residue(frames: &VecDeque<[Gray; 2]>, near: f64) -> Option<(f64, f64)> {
+/// What the blocks say.
+pub(super) struct Residue {
+    /// Offset, frames, and its standard deviation; `None` where too little moves up or down.
+    pub(super) offset: Option<(f64, f64)>,
+    /// Disparity that four in five of the matched points do not exceed, px of the reduced pictures; `None` where nothing matches.
+    pub(super) parallax_px: Option<f64>,
+}
+
+/// `near` is the offset, known to half a frame or so.
+pub(super) fn residue(frames: &VecDeque<[Gray; 2]>, near: f64) -> Residue {
     let whole = near.round() as i64;
-    let rows = Rows::of(frames, whole)?;
+    let Some(rows) = Rows::of(frames, whole) else {
+        return Residue {
+            offset: None,
+            parallax_px: None,
+        };
+    };
+    Residue {
+        offset: offset(frames, whole, &rows),
+        parallax_px: Some(rows.parallax_px),
+    }
+}
+
+/// What does not move in a block draws the fraction towards the whole frame that it was read at. Read at the whole frames on both sides,
+/// it is drawn both ways alike, and the ratio is right.
+fn offset(frames: &VecDeque<[Gray; 2]>, whole: i64, rows: &Rows) -> Option<(f64, f64)> {
+    let (here, sigma_here) = fraction_at(frames, whole, rows)?;
+    let alone = (whole as f64 + here, sigma_here.hypot(DRAWN_SHARE * here));
+    if here.abs() < SMALL {
+        return Some(alone);
+    }
+    let side = if here > 0.0 { 1 } else { -1 };
+    let Some((there, sigma_there)) = fraction_at(frames, whole + side, rows) else {
+        return Some(alone);
+    };
+    let (p, q) = (here.abs(), -there * side as f64);
+    if q <= 0.0 || p + q < LEAST_SUM {
+        return Some(alone);
+    }
+    let fraction = p / (p + q);
+    let sigma = (q * sigma_here).hypot(p * sigma_there) / (p + q).powi(2);
+    Some((whole as f64 + side as f64 * fraction, sigma))
+}
+
+/// A fraction of a frame below this is taken as read.
+const SMALL: f64 = 0.06;
+
+/// Fractions from both sides that sum to less than this are noise.
+const LEAST_SUM: f64 = 0.3;
+
+/// Offset beyond a whole frame, and its standard deviation.
+fn fraction_at(frames: &VecDeque<[Gray; 2]>, whole: i64, rows: &Rows) -> Option<(f64, f64)> {
     let times: Vec<i64> = (1..frames.len() as i64 - 1)
         .filter(|k| (1..frames.len() as i64 - 1).contains(&(k + whole)))
         .collect();
@@ -71,17 +119,18 @@ pub(super) fn residue(frames: &VecDeque<[Gray; 2]>, near: f64) -> Option<(f64, f
     for &k in times.iter().step_by(stride) {
         let left = [-1, 0, 1].map(|s| &frames[(k + whole + s) as usize][0]);
         let right = [-1, 0, 1].map(|s| &frames[(k + s) as usize][1]);
-        equations.extend(equations_of(k as usize, left, right, &rows));
+        equations.extend(equations_of(k as usize, left, right, rows));
     }
-    let (fraction, sigma) = solved(&equations)?;
+    let found = solved(&equations)?;
     // The equations are of first order: far from the whole frame they were set up at they do not hold.
-    (fraction.abs() < 0.9).then_some((whole as f64 + fraction, sigma))
+    (found.0.abs() < 1.2).then_some(found)
 }
 
 /// Where in the other eye a point may be.
 struct Rows {
     /// Smallest and largest disparity, px.
     disparity: [i64; 2],
+    parallax_px: f64,
     model: VerticalModel,
 }
 
@@ -99,6 +148,7 @@ impl Rows {
         let margin = 0.75 * MOTION_PX as f64 + 0.15 * (high - low);
         Some(Self {
             disparity: [(low - margin) as i64, (high + margin) as i64],
+            parallax_px: matches.percentile(disparities().map(f64::abs), 0.8),
             model: alignment.model,
         })
     }
