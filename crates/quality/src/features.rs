@@ -22,12 +22,11 @@ pub mod pyramid;
 pub mod shape;
 pub mod structure;
 mod tables;
+mod windows;
 
-use enlarge::{Enlargement, enlarged};
-use normalise::{Normalised, has_parent, normalised, parent_from_child};
+use normalise::normalised;
 use pyramid::Pyramid;
 use shape::Sums;
-use structure::Reference;
 use tables::ORIENTATIONS;
 use vergence_imaging::{Gray, Plane, Rgb};
 
@@ -80,34 +79,23 @@ pub fn grey_from_rgb(picture: &Rgb) -> Gray {
 
 fn features_from_owned(picture: Plane<f64>) -> Result<Features, QualityError> {
     check(&picture)?;
-    let size = picture.size();
     let pyramid = Pyramid::new(&picture);
     drop(picture);
-    let reference = Reference::new(&pyramid.high);
     let mut f = [0.0; FEATURE_COUNT];
-    let mut maps = Vec::with_capacity(ORIENTATIONS);
-    let mut sums = [Sums::default(); 2 * ORIENTATIONS];
-    for b in 0..ORIENTATIONS {
-        let both = orientation(&pyramid.bands, b, size, &reference)?;
-        f[31 + b] = both.structure[0];
-        f[37 + b] = both.structure[1];
-        sums[b] = both.fine.sums;
-        sums[b + ORIENTATIONS] = both.coarse;
-        maps.push(both.fine);
-    }
-    drop(reference);
+    f[31..43].copy_from_slice(&structure::with_high(&pyramid.high, &pyramid.bands));
+    let maps = normalised(&pyramid.bands)?;
     drop(pyramid);
-    for (i, sums) in sums.iter().enumerate() {
-        f[i] = sums.variance();
-        f[12 + i] = sums.shape();
+    for (i, map) in maps.iter().enumerate() {
+        f[i] = map.sums.variance();
+        f[12 + i] = map.sums.shape();
     }
     for b in 0..ORIENTATIONS {
-        f[24 + b] = sums[b].pooled(sums[b + ORIENTATIONS]).shape();
+        f[24 + b] = maps[b].sums.pooled(maps[b + ORIENTATIONS].sums).shape();
     }
-    f[30] = sums
+    let all = maps
         .iter()
-        .fold(Sums::default(), |all, &s| all.pooled(s))
-        .shape();
+        .fold(Sums::default(), |all, map| all.pooled(map.sums));
+    f[30] = all.shape();
     for (out, map) in f[43..73].chunks_exact_mut(5).zip(&maps) {
         out.copy_from_slice(&correlation::cubic(&correlation::correlations(
             &map.map, map.range,
@@ -119,54 +107,6 @@ fn features_from_owned(picture: Plane<f64>) -> Result<Features, QualityError> {
     } else {
         Err(QualityError::Constant)
     }
-}
-
-/// What is kept of both scales of one orientation.
-struct BothScales {
-    /// Contrast-structure with the high-pass residual, first and second scale.
-    structure: [f64; 2],
-    fine: Normalised,
-    coarse: Sums,
-}
-
-fn orientation(
-    bands: &[Plane<f64>],
-    b: usize,
-    (width, height): (usize, usize),
-    high: &Reference,
-) -> Result<BothScales, QualityError> {
-    let child = &bands[b + ORIENTATIONS];
-    let ratio = |length: usize, n: usize| Enlargement {
-        length,
-        ratio: length as f64 / n as f64,
-    };
-    let large = enlarged(
-        child,
-        ratio(width, child.width()),
-        ratio(height, child.height()),
-    );
-    let structure = [
-        high.contrast_structure(&bands[b]),
-        high.contrast_structure(&large),
-    ];
-    // Of even sides the parent is the same picture; of odd ones it is larger by a fraction of a sample.
-    let even = width.is_multiple_of(2) && height.is_multiple_of(2);
-    let parent = match has_parent(b) {
-        false => None,
-        true if even => Some(large),
-        true => {
-            drop(large);
-            Some(parent_from_child(child, (width, height)))
-        }
-    };
-    let fine = normalised(bands, b, parent.as_ref())?;
-    drop(parent);
-    let coarse = normalised(bands, b + ORIENTATIONS, None)?.sums;
-    Ok(BothScales {
-        structure,
-        fine,
-        coarse,
-    })
 }
 
 fn check_size((width, height): (usize, usize)) -> Result<(), QualityError> {

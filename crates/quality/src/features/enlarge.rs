@@ -26,34 +26,60 @@ pub struct Enlargement {
 /// # Panics
 /// When the source is smaller than 3 samples a side, or a ratio below 1.
 pub fn enlarged(source: &Plane<f64>, across: Enlargement, down: Enlargement) -> Plane<f64> {
-    let (width, height) = source.size();
-    assert!(width >= MARGIN && height >= MARGIN, "{width} x {height}");
-    assert!(across.ratio >= 1.0 && down.ratio >= 1.0, "ratio below 1");
-    let columns: Vec<Taps> = taps(across).collect();
-    let rows: Vec<Taps> = taps(down).collect();
+    let rows = EnlargedRows::new(source, across, down);
     let mut result = Plane::filled(across.length, down.length, 0.0);
     result
         .samples_mut()
         .par_chunks_mut(ROWS * across.length)
-        .zip(rows.par_chunks(ROWS))
-        .for_each_init(
-            || vec![0.0; width + 2 * MARGIN],
-            |padded, (block, rows)| {
-                for (out, row) in block.chunks_exact_mut(across.length).zip(rows) {
-                    blend_rows(source, row, &mut padded[MARGIN..MARGIN + width]);
-                    for i in 0..MARGIN {
-                        padded[MARGIN - 1 - i] = padded[MARGIN + i];
-                        padded[MARGIN + width + i] = padded[MARGIN + width - 1 - i];
-                    }
-                    if across.ratio == 2.0 {
-                        stretch_twice(padded, &columns, out);
-                    } else {
-                        stretch(padded, &columns, out);
-                    }
-                }
-            },
-        );
+        .enumerate()
+        .for_each(|(block, out)| rows.write(block * ROWS, out));
     result
+}
+
+/// An enlarged plane whose rows are made when they are wanted.
+#[derive(Clone, Debug)]
+pub struct EnlargedRows<'a> {
+    source: &'a Plane<f64>,
+    columns: Vec<Taps>,
+    rows: Vec<Taps>,
+    twice: bool,
+}
+
+impl<'a> EnlargedRows<'a> {
+    /// See [`enlarged`].
+    ///
+    /// # Panics
+    /// As [`enlarged`].
+    pub fn new(source: &'a Plane<f64>, across: Enlargement, down: Enlargement) -> Self {
+        let (width, height) = source.size();
+        assert!(width >= MARGIN && height >= MARGIN, "{width} x {height}");
+        assert!(across.ratio >= 1.0 && down.ratio >= 1.0, "ratio below 1");
+        Self {
+            source,
+            columns: taps(across).collect(),
+            rows: taps(down).collect(),
+            twice: across.ratio == 2.0,
+        }
+    }
+
+    /// As many whole rows as `out` has room for, from row `top`.
+    pub fn write(&self, top: usize, out: &mut [f64]) {
+        let width = self.source.width();
+        let mut padded = vec![0.0; width + 2 * MARGIN];
+        let rows = self.rows[top..].iter();
+        for (out, row) in out.chunks_exact_mut(self.columns.len()).zip(rows) {
+            blend_rows(self.source, row, &mut padded[MARGIN..MARGIN + width]);
+            for i in 0..MARGIN {
+                padded[MARGIN - 1 - i] = padded[MARGIN + i];
+                padded[MARGIN + width + i] = padded[MARGIN + width - 1 - i];
+            }
+            if self.twice {
+                stretch_twice(&padded, &self.columns, out);
+            } else {
+                stretch(&padded, &self.columns, out);
+            }
+        }
+    }
 }
 
 /// Where one sample of the result comes from: weights of source samples `first`, `first + 1`, ..

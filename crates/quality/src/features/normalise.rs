@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, SVD, SymmetricEigen};
 use rayon::prelude::*;
 use vergence_imaging::Plane;
 
-use super::enlarge::{Enlargement, enlarged};
+use super::enlarge::{EnlargedRows, Enlargement};
 use super::kernels::{CENTRE, Divisor, ENTRIES, Matrix, RowVectors, centre, divide, products, sum};
 use super::shape::Sums;
 use super::tables::ORIENTATIONS;
@@ -17,8 +17,9 @@ const WITH_PARENT: usize = 5;
 /// Samples left out on each side of a normalised band of the first and of the second scale.
 const GUARDS: [usize; 2] = [16, 8];
 
-/// Rows done together; sums are over these, then over all, so that threads change nothing.
-const ROWS: usize = 16;
+/// Rows done together: those of all six bands fit a near cache. Sums are over these, then over all, so that threads
+/// change nothing.
+const ROWS: usize = 8;
 
 /// A divisively normalised band.
 #[derive(Clone, Debug)]
@@ -31,161 +32,208 @@ pub struct Normalised {
     pub range: [f64; 2],
 }
 
-/// The parent of a band of the picture's size: `child` enlarged by exactly two and cut to `width` x `height`.
-pub fn parent_from_child(child: &Plane<f64>, (width, height): (usize, usize)) -> Plane<f64> {
-    let twice = |length| Enlargement { length, ratio: 2.0 };
-    enlarged(child, twice(width), twice(height))
+/// Both scales normalised: six maps of the picture's size (less the guard), six of half that size.
+///
+/// `bands` are the twelve of the pyramid. Each scale is gone through twice, all six bands at a time: for the covariances,
+/// then to divide.
+pub fn normalised(bands: &[Plane<f64>]) -> Result<Vec<Normalised>, QualityError> {
+    let (fine, coarse) = bands.split_at(ORIENTATIONS);
+    let mut maps = normalised_scale(fine, coarse, GUARDS[0])?;
+    maps.extend(normalised_scale(coarse, &[], GUARDS[1])?);
+    Ok(maps)
 }
 
-/// Whether band `b` (0 to 11) has a parent.
-pub fn has_parent(b: usize) -> bool {
-    b < WITH_PARENT
-}
-
-/// Normalise band `b` (0 to 11) of the twelve; `parent` is that of [`parent_from_child`] where [`has_parent`].
-pub fn normalised(
+/// Six bands of one scale; `children` are those of the next one, none where the bands have no parents.
+fn normalised_scale(
     bands: &[Plane<f64>],
-    b: usize,
-    parent: Option<&Plane<f64>>,
-) -> Result<Normalised, QualityError> {
-    let neighbourhood = Neighbourhood::new(bands, b, parent);
-    let divisor = neighbourhood.divisor().ok_or(QualityError::Constant)?;
-    let (width, height) = neighbourhood.size();
-    let guard = GUARDS[b / ORIENTATIONS];
-    let inner = width - 2 * guard;
-    let mut map = Plane::filled(inner, height - 2 * guard, 0.0);
+    children: &[Plane<f64>],
+    guard: usize,
+) -> Result<Vec<Normalised>, QualityError> {
+    let scale = Scale::new(bands, children);
+    let divisors = scale.divisors().ok_or(QualityError::Constant)?;
+    let (width, height) = scale.size();
+    let inner = (width - 2 * guard, height - 2 * guard);
+    let mut maps = vec![Plane::filled(inner.0, inner.1, 0.0); ORIENTATIONS];
     // Rows in the guard band only must not have a z of zero, which makes their sum infinite or not a number.
     let guarded = (0..guard).chain(height - guard..height);
-    let guarded: Vec<usize> = guarded.collect();
-    let guard_fine = guarded.par_iter().all(|&row| {
-        let mut out = vec![0.0; width];
-        divide(&neighbourhood.row(row), &divisor, &mut out);
-        sum(&out).is_finite()
+    let guarded: Vec<usize> = guarded.step_by(ROWS).collect();
+    let guard_fine = guarded.par_iter().all(|&top| {
+        let end = if top < guard { guard } else { height };
+        let rows = top..end.min(top + ROWS);
+        let mut fine = true;
+        scale.divide(rows, &divisors, |_, _, row| fine &= sum(row).is_finite());
+        fine
     });
-    let blocks: Vec<(f64, bool)> = map
-        .samples_mut()
-        .par_chunks_mut(ROWS * inner)
-        .enumerate()
-        .map_init(
-            || vec![0.0; width],
-            |out, (block, rows)| {
-                let (mut total, mut fine) = (0.0, true);
-                for (i, samples) in rows.chunks_exact_mut(inner).enumerate() {
-                    let row = guard + block * ROWS + i;
-                    divide(&neighbourhood.row(row), &divisor, out);
-                    fine &= sum(out).is_finite();
-                    samples.copy_from_slice(&out[guard..guard + inner]);
-                    total += sum(samples);
-                }
-                (total, fine)
-            },
-        )
-        .collect();
-    let fine = guard_fine && blocks.iter().all(|b| b.1);
-    let total: f64 = blocks.iter().map(|b| b.0).sum();
-    let (sums, range) = centred(&mut map, total);
-    if fine && sums.squares.is_finite() {
-        Ok(Normalised { map, sums, range })
-    } else {
-        Err(QualityError::Constant)
+    let mut blocks: Vec<Vec<&mut [f64]>> = Vec::new();
+    blocks.resize_with(inner.1.div_ceil(ROWS), Vec::new);
+    for map in &mut maps {
+        let rows = map.samples_mut().chunks_mut(ROWS * inner.0);
+        for (block, rows) in blocks.iter_mut().zip(rows) {
+            block.push(rows);
+        }
     }
+    let totals: Vec<[f64; ORIENTATIONS]> = blocks
+        .into_par_iter()
+        .enumerate()
+        .map(|(block, mut out)| {
+            let top = guard + block * ROWS;
+            let rows = top..(guard + inner.1).min(top + ROWS);
+            let mut totals = [0.0; ORIENTATIONS];
+            scale.divide(rows, &divisors, |b, i, row| {
+                let row_out = &mut out[b][i * inner.0..(i + 1) * inner.0];
+                row_out.copy_from_slice(&row[guard..guard + inner.0]);
+                // What is left out only has to be finite: it counts as nothing then.
+                totals[b] += sum(row_out) + 0.0 * sum(row);
+            });
+            totals
+        })
+        .collect();
+    if !guard_fine {
+        return Err(QualityError::Constant);
+    }
+    let normalised = maps.into_iter().enumerate().map(|(b, map)| {
+        let total: f64 = totals.iter().map(|t| t[b]).sum();
+        centred(map, total)
+    });
+    normalised.collect()
 }
 
 /// Take the mean out of a map whose samples add to `total`.
-fn centred(map: &mut Plane<f64>, total: f64) -> (Sums, [f64; 2]) {
+fn centred(mut map: Plane<f64>, total: f64) -> Result<Normalised, QualityError> {
     let width = map.width();
     let count = map.samples().len() as f64;
     let blocks: Vec<(Sums, [f64; 2])> = map
         .samples_mut()
         .par_chunks_mut(ROWS * width)
         .map(|rows| {
-            let empty = (Sums::default(), [f64::INFINITY, f64::NEG_INFINITY]);
-            rows.chunks_exact_mut(width).fold(empty, |so_far, row| {
-                let row = centre(row, total / count);
-                let sums = Sums {
-                    count: width as f64,
-                    sum: row.sum,
-                    squares: row.squares,
-                    absolute: row.absolute,
-                };
-                joined(so_far, &(sums, [row.least, row.greatest]))
-            })
+            let row = centre(rows, total / count);
+            let sums = Sums {
+                count: rows.len() as f64,
+                sum: row.sum,
+                squares: row.squares,
+                absolute: row.absolute,
+            };
+            (sums, [row.least, row.greatest])
         })
         .collect();
     let empty = (Sums::default(), [f64::INFINITY, f64::NEG_INFINITY]);
-    blocks.iter().fold(empty, joined)
+    let (sums, range) = blocks.into_iter().fold(empty, |a, b| {
+        let range = [a.1[0].min(b.1[0]), a.1[1].max(b.1[1])];
+        (a.0.pooled(b.0), range)
+    });
+    if sums.squares.is_finite() {
+        Ok(Normalised { map, sums, range })
+    } else {
+        Err(QualityError::Constant)
+    }
 }
 
-fn joined(a: (Sums, [f64; 2]), b: &(Sums, [f64; 2])) -> (Sums, [f64; 2]) {
-    let range = [a.1[0].min(b.1[0]), a.1[1].max(b.1[1])];
-    (a.0.pooled(b.0), range)
-}
-
-/// The planes from which the vector of each interior sample of a band is taken.
-struct Neighbourhood<'a> {
-    band: &'a Plane<f64>,
-    others: Vec<&'a Plane<f64>>,
-    parent: Option<&'a Plane<f64>>,
+/// The planes from which the vectors of one scale are taken.
+struct Scale<'a> {
+    bands: &'a [Plane<f64>],
+    /// Of the first five bands, made when they are wanted: exactly twice as large, cut to the bands' size.
+    parents: Vec<EnlargedRows<'a>>,
     zeros: Vec<f64>,
 }
 
-impl<'a> Neighbourhood<'a> {
-    fn new(bands: &'a [Plane<f64>], b: usize, parent: Option<&'a Plane<f64>>) -> Self {
-        assert_eq!(parent.is_some(), has_parent(b), "parent of band {b}");
-        let scale = b - b % ORIENTATIONS;
-        let others = (scale..scale + ORIENTATIONS).filter(|&o| o != b);
+impl<'a> Scale<'a> {
+    fn new(bands: &'a [Plane<f64>], children: &'a [Plane<f64>]) -> Self {
+        let (width, height) = bands[0].size();
+        let twice = |length| Enlargement { length, ratio: 2.0 };
+        let parents = children.iter().take(WITH_PARENT);
         Self {
-            band: &bands[b],
-            others: others.map(|o| &bands[o]).collect(),
-            parent,
-            zeros: vec![0.0; bands[b].width()],
+            bands,
+            parents: parents
+                .map(|child| EnlargedRows::new(child, twice(width), twice(height)))
+                .collect(),
+            zeros: vec![0.0; width],
         }
     }
 
-    /// Of the interior, one sample less on each side than the band.
+    /// Of the interior, one sample less on each side than the bands.
     fn size(&self) -> (usize, usize) {
-        (self.band.width() - 2, self.band.height() - 2)
+        let (width, height) = self.bands[0].size();
+        (width - 2, height - 2)
     }
 
-    /// Vectors of interior row `row`. The order of entries changes nothing but rounding.
-    fn row(&self, row: usize) -> RowVectors<'_> {
+    /// Rows of the parents beside interior rows `rows`, one parent after the other.
+    fn parent_rows(&self, rows: &std::ops::Range<usize>) -> Vec<f64> {
+        let size = rows.len() * self.bands[0].width();
+        let mut samples = vec![0.0; self.parents.len() * size];
+        for (parent, out) in self.parents.iter().zip(samples.chunks_exact_mut(size)) {
+            parent.write(rows.start + 1, out);
+        }
+        samples
+    }
+
+    /// Vectors of interior row `row` of band `b`. The order of entries changes nothing but rounding.
+    fn row<'s>(&'s self, b: usize, row: usize, parent: Option<&'s [f64]>) -> RowVectors<'s> {
         let (width, _) = self.size();
-        let from = |plane: &'a Plane<f64>, dx: usize, dy: usize| -> &'a [f64] {
-            &plane.row(row + dy)[dx..dx + width]
+        let from = |band: &'s Plane<f64>, dx: usize, dy: usize| -> &'s [f64] {
+            &band.row(row + dy)[dx..dx + width]
         };
         std::array::from_fn(|entry| match entry {
-            0..9 => from(self.band, entry % 3, entry / 3),
-            9..14 => from(self.others[entry - 9], 1, 1),
-            _ => self
-                .parent
-                .map_or(&self.zeros[..width], |parent| from(parent, 1, 1)),
+            0..9 => from(&self.bands[b], entry % 3, entry / 3),
+            9..14 => from(&self.bands[(b + entry - 8) % ORIENTATIONS], 1, 1),
+            _ => &parent.unwrap_or(&self.zeros)[1..=width],
         })
     }
 
-    /// From the covariance of all interior samples; none where that has no inverse to speak of.
-    fn divisor(&self) -> Option<Divisor> {
-        let (width, height) = self.size();
-        let count = (width * height) as f64;
+    /// Row `i` of a block of parents' rows beside band `b`.
+    fn parent_row<'s>(
+        &self,
+        parents: &'s [f64],
+        b: usize,
+        i: usize,
+        count: usize,
+    ) -> Option<&'s [f64]> {
+        let width = self.bands[0].width();
+        (b < self.parents.len()).then(|| &parents[(b * count + i) * width..][..width])
+    }
+
+    /// From the covariances of all interior samples; none where one has no inverse to speak of.
+    fn divisors(&self) -> Option<Vec<Divisor>> {
+        let (_, height) = self.size();
         let starts: Vec<usize> = (0..height).step_by(ROWS).collect();
-        let blocks: Vec<(Matrix, f64)> = starts
+        let blocks: Vec<Vec<(Matrix, f64)>> = starts
             .par_iter()
             .map(|&from| {
-                let rows: Vec<RowVectors> = (from..height.min(from + ROWS))
-                    .map(|row| self.row(row))
-                    .collect();
-                (
-                    products(&rows),
-                    rows.iter().map(|row| sum(row[CENTRE])).sum(),
-                )
+                let rows = from..height.min(from + ROWS);
+                let parents = self.parent_rows(&rows);
+                let of_band = |b: usize| {
+                    let vectors: Vec<RowVectors> = rows
+                        .clone()
+                        .enumerate()
+                        .map(|(i, row)| {
+                            self.row(b, row, self.parent_row(&parents, b, i, rows.len()))
+                        })
+                        .collect();
+                    let total = vectors.iter().map(|row| sum(row[CENTRE])).sum();
+                    (products(&vectors), total)
+                };
+                (0..ORIENTATIONS).map(of_band).collect()
             })
             .collect();
-        let entries = if self.parent.is_some() {
+        (0..ORIENTATIONS)
+            .map(|b| self.divisor(b, blocks.iter().map(|block| &block[b])))
+            .collect()
+    }
+
+    /// Of one band, from the sums over all blocks.
+    fn divisor<'s>(
+        &self,
+        b: usize,
+        blocks: impl Iterator<Item = &'s (Matrix, f64)> + Clone,
+    ) -> Option<Divisor> {
+        let (width, height) = self.size();
+        let count = (width * height) as f64;
+        let entries = if b < self.parents.len() {
             ENTRIES
         } else {
             ENTRIES - 1
         };
         let c = DMatrix::from_fn(entries, entries, |i, j| {
-            blocks.iter().map(|b| b.0[i.min(j)][i.max(j)]).sum::<f64>() / count
+            blocks.clone().map(|m| m.0[i.min(j)][i.max(j)]).sum::<f64>() / count
         });
         let upper = inverse_factor(&c)?;
         let mut factor = [[0.0; ENTRIES]; ENTRIES];
@@ -198,8 +246,26 @@ impl<'a> Neighbourhood<'a> {
         Some(Divisor {
             factor,
             scale: 1.0 / (entries - 5) as f64,
-            mean: blocks.iter().map(|b| b.1).sum::<f64>() / count,
+            mean: blocks.map(|m| m.1).sum::<f64>() / count,
         })
+    }
+
+    /// Divide interior rows `rows` of all bands; `take` is given the band, the row's place among `rows`, and the row.
+    fn divide(
+        &self,
+        rows: std::ops::Range<usize>,
+        divisors: &[Divisor],
+        mut take: impl FnMut(usize, usize, &[f64]),
+    ) {
+        let parents = self.parent_rows(&rows);
+        let mut out = vec![0.0; self.size().0];
+        for (b, divisor) in divisors.iter().enumerate() {
+            for (i, row) in rows.clone().enumerate() {
+                let parent = self.parent_row(&parents, b, i, rows.len());
+                divide(&self.row(b, row, parent), divisor, &mut out);
+                take(b, i, &out);
+            }
+        }
     }
 }
 
@@ -268,9 +334,7 @@ mod tests {
     fn maps_are_the_plain_ones() {
         for (w, h) in [(61, 48), (60, 45)] {
             let bands = bands(w, h);
-            for b in [0, 3, 5, 6, 11] {
-                let parent = has_parent(b).then(|| parent_from_child(&bands[b + 6], (w, h)));
-                let fast = normalised(&bands, b, parent.as_ref()).unwrap();
+            for (b, fast) in normalised(&bands).unwrap().iter().enumerate() {
                 let slow = plain::normalised(&bands, b).unwrap();
                 assert_eq!(fast.map.size(), slow.size());
                 let mut range = [f64::INFINITY, f64::NEG_INFINITY];
