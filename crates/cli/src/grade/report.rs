@@ -53,6 +53,8 @@ pub(crate) struct ReportData {
     pub(crate) parallax: Option<ParallaxSamples>,
     /// What touches the edges.
     pub(crate) window: Vec<WindowStrip>,
+    /// Of a line of items, the one of which pictures, scores and causes are shown.
+    pub(crate) worst_item: Option<String>,
     /// A folder, a film or a list in its order.
     pub(crate) time_line: Option<TimeLine>,
 }
@@ -72,6 +74,7 @@ impl ReportData {
             vertical: None,
             parallax: None,
             window: Vec::new(),
+            worst_item: None,
             time_line: None,
         }
     }

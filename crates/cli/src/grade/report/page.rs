@@ -37,11 +37,12 @@ pub(super) fn html(data: &ReportData) -> anyhow::Result<String> {
                     (sections::heading(data))
                 }
                 main {
+                    (sections::time_line(data))
+                    @if let Some(name) = &data.worst_item { h2.item { "The worst item: " (name) } }
                     (pictures)
                     (sections::scores(&data.scores))
                     (sections::causes(&data.causes))
                     (sections::plots(data, backdrop.as_ref()))
-                    (sections::time_line(data))
                     (sections::not_judged(&data.not_judged))
                     (how_to_read())
                 }

@@ -37,8 +37,13 @@ fn cut(text: &str) -> String {
 
 /// Title, verdict, facts and remarks.
 pub(super) fn heading(data: &ReportData) -> Markup {
-    let counted = |v: Verdict| data.causes.iter().filter(|c| c.verdict == v).count();
-    let worst: Vec<&Judged> = (data.causes.iter())
+    let line = data.time_line.as_ref();
+    let counted = |v: Verdict| match line {
+        Some(line) => line.items.iter().filter(|i| i.verdict == Some(v)).count(),
+        None => data.causes.iter().filter(|c| c.verdict == v).count(),
+    };
+    // What stands out is said of one item; of several the line says it.
+    let worst: Vec<&Judged> = (data.causes.iter().filter(|_| line.is_none()))
         .filter(|c| Some(c.verdict) == data.verdict && c.verdict != Verdict::Good)
         .take(3)
         .collect();
@@ -49,8 +54,9 @@ pub(super) fn heading(data: &ReportData) -> Markup {
             @match data.verdict {
                 Some(verdict) => {
                     (badge(verdict))
-                    @if !data.causes.is_empty() {
+                    @if line.is_some() || !data.causes.is_empty() {
                         span.counts {
+                            @if let Some(line) = line { (line.items.len()) " items: " }
                             (counted(Verdict::Good)) " good, " (counted(Verdict::Look)) " worth a look, " (counted(Verdict::Bad)) " bad"
                         }
                     }
@@ -211,6 +217,13 @@ pub(super) fn causes(causes: &[Judged]) -> Markup {
     }
     let mut sorted: Vec<&Judged> = causes.iter().collect();
     sorted.sort_by_key(|c| std::cmp::Reverse(c.verdict));
+    let mut sources: Vec<&str> = Vec::new();
+    for cause in &sorted {
+        if !sources.contains(&cause.source.as_str()) {
+            sources.push(&cause.source);
+        }
+    }
+    let note = |c: &Judged| 1 + sources.iter().position(|s| *s == c.source).unwrap_or(0);
     html! {
         section.card aria-label="What was measured" {
             h2 { "What was measured" }
@@ -219,13 +232,15 @@ pub(super) fn causes(causes: &[Judged]) -> Markup {
                     th scope="col" { "Cause" } th scope="col" { "Value" } th scope="col" { "good | look | bad" }
                     th scope="col" { "Meaning" } th scope="col" { "Limits" }
                 } }
-                tbody { @for cause in sorted { (cause_row(cause)) } }
+                tbody { @for cause in &sorted { (cause_row(cause, note(cause))) } }
             }
+            p.direction { "Where the limits come from:" }
+            ol.sources { @for (i, source) in sources.iter().enumerate() { li id=(format!("source-{}", i + 1)) { (cut(source)) } } }
         }
     }
 }
 
-fn cause_row(c: &Judged) -> Markup {
+fn cause_row(c: &Judged, note: usize) -> Markup {
     let gauge = Gauge {
         name: &c.name,
         value: c.value,
@@ -245,7 +260,10 @@ fn cause_row(c: &Judged) -> Markup {
             }
             td.meter data-label="good | look | bad" { (gauge.draw()) }
             td.meaning data-label="Meaning" { (cut(&c.meaning)) }
-            td.source data-label="Limits" { "good up to " (short(c.look)) ", bad beyond " (short(c.bad)) " " (c.unit) ". " (cut(&c.source)) }
+            td.source data-label="Limits" {
+                "good up to " (short(c.look)) ", bad beyond " (short(c.bad)) "\u{a0}" (c.unit) " "
+                a.note href=(format!("#source-{note}")) aria-label=(format!("source {note}")) { "[" (note) "]" }
+            }
         }
     }
 }
