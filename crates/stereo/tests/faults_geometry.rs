@@ -36,6 +36,25 @@ fn similarity(faults: &PairFaults) -> [f64; 3] {
 
 const SIZE: (usize, usize) = (480, 360);
 
+/// Alignment, lens and parallax; discs in front of the screen that an edge cuts are truly cut.
+fn is_geometry(cause: Cause) -> bool {
+    matches!(
+        cause,
+        Cause::VerticalParallax
+            | Cause::VerticalOffset
+            | Cause::Roll
+            | Cause::Zoom
+            | Cause::KeystoneVertical
+            | Cause::KeystoneToeIn
+            | Cause::Bow
+            | Cause::BaseRoll
+            | Cause::VerticalResidual
+            | Cause::LensDistortion
+            | Cause::ParallaxNear
+            | Cause::ParallaxFar
+    )
+}
+
 fn assert_near(got: [f64; 3], want: [f64; 3], within: [f64; 3], what: &str) {
     for k in 0..3 {
         let error = (got[k] - want[k]).abs();
@@ -52,7 +71,7 @@ fn clean_pairs_are_good() {
     for seed in 0..3 {
         let [left, right] = Leaves::within(seed, [-0.015, 0.02]).pair(SIZE);
         let faults = measured(&left, &right).unwrap();
-        for finding in &faults.findings {
+        for finding in faults.findings.iter().filter(|f| is_geometry(f.cause)) {
             assert_eq!(finding.verdict, Verdict::Good, "{seed}: {finding:?}");
         }
         assert_near(similarity(&faults), [0.0; 3], [0.05, 0.01, 0.02], "clean");
@@ -201,15 +220,12 @@ fn the_correction_corrects() {
     .map(|(picture, matrix)| planting::mapped(picture, &matrix.try_inverse().unwrap()));
     let after = measured(&corrected[0], &corrected[1]).unwrap();
     assert_near(similarity(&after), [0.0; 3], [0.1, 0.02, 0.04], "corrected");
-    // What remains is what the fit could not explain before: the matches' own noise at the discs' edges.
+    // What remains is nothing that a fit could explain: the matches' own noise at the discs' edges.
     let (rest, noise) = (
         after.alignment.vertical_rms_px,
-        before.alignment.residual_px.value,
+        after.alignment.residual_px.value,
     );
-    assert!(
-        rest < noise + 0.05,
-        "{rest} px after, {noise} px of noise before"
-    );
+    assert!(rest < noise + 0.02, "{rest} px, of which noise {noise} px");
     // The person is told the way: the right picture lies lower and was turned clockwise.
     let advice = &before.alignment.correction.advice;
     assert!(advice.contains("move its picture up by"), "{advice}");

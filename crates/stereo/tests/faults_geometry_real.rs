@@ -42,13 +42,21 @@ fn rectified_pairs_raise_no_alarm() {
     };
     for pair in recorded::disparity_pairs(&data) {
         let faults = measured(&pair.left, &pair.right).unwrap();
-        for finding in &faults.findings {
-            let parallax = matches!(finding.cause, Cause::ParallaxNear | Cause::ParallaxFar);
-            assert!(
-                parallax || finding.verdict == Verdict::Good,
-                "{}: {finding:?}",
-                pair.name
-            );
+        let causes = [
+            Cause::VerticalParallax,
+            Cause::VerticalOffset,
+            Cause::Roll,
+            Cause::Zoom,
+            Cause::KeystoneVertical,
+            Cause::KeystoneToeIn,
+            Cause::Bow,
+            Cause::BaseRoll,
+            Cause::VerticalResidual,
+            Cause::LensDistortion,
+        ];
+        for cause in causes {
+            let finding = faults.findings.iter().find(|f| f.cause == cause).unwrap();
+            assert_eq!(finding.verdict, Verdict::Good, "{}: {finding:?}", pair.name);
         }
         assert!(faults.matches.points.len() > 500, "{}", pair.name);
     }

@@ -51,6 +51,10 @@ const LEAST_SCORE: f32 = 0.7;
 /// The best peak's lack of correlation may be at most this part of the second's (Lowe's ratio, of squared distances).
 const DISTINCT: f32 = 0.8;
 
+/// Before the geometry is known, a second peak that correlates better than this may as well be the right one, however good the best
+/// is: patterns that repeat.
+const RIVAL: f32 = 0.9;
+
 /// Found back within this, px of the level.
 const BACK_PX: usize = 1;
 

@@ -8,8 +8,8 @@ use super::corners::{Corner, corners};
 use super::polish::off_level;
 use super::rough::{Rough, common_geometry};
 use super::search::{self, Field, Search, Window};
-use super::{LEAST_SCORE, cells_within, distinct, kept, returns};
-use crate::faults::alignment::model::{Place, Terms, half_width, right_row};
+use super::{LEAST_SCORE, RIVAL, cells_within, distinct, kept, returns};
+use crate::faults::alignment::model::{Place, Terms, half_width, residual, right_row};
 
 /// Columns and rows of the cells with one corner each: first few, then all.
 const FEW_CELLS: [usize; 2] = [24, 18];
@@ -49,24 +49,38 @@ pub(super) fn closely_matched(
         let cells = cells_within(cells, size);
         corners(pictures[0], cells[0], cells[1], search::REACH)
     };
-    let few = found_near(&fields, &at_corners(FEW_CELLS), &guide);
-    if let Some(fit) = common_geometry(&few, TOLERANCE_PX / half_width(size)) {
+    let tolerance = TOLERANCE_PX / half_width(size);
+    let (few, sure) = found_near(&fields, &at_corners(FEW_CELLS), &guide);
+    if let Some(fit) = common_geometry(&kept(&few, &sure), tolerance) {
         guide.terms = fit.terms;
         guide.band_px = BAND_PX;
     }
+    let (mut all, sure) = found_near(&fields, &at_corners(ALL_CELLS), &guide);
+    // Of what repeats only that is kept which fits the geometry of what does not.
+    if let Some(fit) = common_geometry(&kept(&all, &sure), tolerance) {
+        guide.terms = fit.terms;
+        let fits: Vec<bool> = all
+            .iter()
+            .zip(&sure)
+            .map(|(place, sure)| *sure || residual(&fit.terms, place).abs() <= tolerance)
+            .collect();
+        all = kept(&all, &fits);
+    }
     let scale = (1u64 << level) as f64;
     let full = |at: [f64; 2]| off_level(&guide.pixel(at), scale);
-    let all = found_near(&fields, &at_corners(ALL_CELLS), &guide)
+    let all = all
         .iter()
         .map(|place| [full(place.left), full(place.right)])
         .collect();
     (all, guide.terms)
 }
 
-/// What is found where the guide allows it, found back, and has neighbours that agree.
-fn found_near(fields: &[Field; 2], corners: &[Corner], guide: &Guide) -> Vec<Place> {
+/// What is found where the guide allows it, is found back, and has neighbours that agree; and for each whether no second place
+/// correlates nearly as well.
+fn found_near(fields: &[Field; 2], corners: &[Corner], guide: &Guide) -> (Vec<Place>, Vec<bool>) {
     let mut search = Search::default();
     let mut places = Vec::new();
+    let mut sure = Vec::new();
     for corner in corners {
         let at = [corner.x, corner.y];
         let (window, rows) = guide.in_right(at);
@@ -79,18 +93,17 @@ fn found_near(fields: &[Field; 2], corners: &[Corner], guide: &Guide) -> Vec<Pla
             rows.allowed(x)
         });
         if back.is_some_and(|back| returns(&back, at)) {
-            places.push(Place::from_pixels(
-                at.map(|v| v as f64),
-                peak.at,
-                guide.size,
-            ));
+            let left = at.map(|v| v as f64);
+            places.push(Place::from_pixels(left, peak.at, guide.size));
+            sure.push(peak.second <= RIVAL);
         }
     }
     let tolerance = Tolerance {
         constant: 3.0 / half_width(guide.size),
         slope: [0.3, 0.1],
     };
-    kept(&places, &supported(&places, tolerance))
+    let support = supported(&places, tolerance);
+    (kept(&places, &support), kept(&sure, &support))
 }
 
 /// Where the known geometry lets a point be, on one level.

@@ -6,7 +6,9 @@ use vergence_imaging::pyramid::Pyramid;
 use super::agree::{Tolerance, consensus, supported};
 use super::corners::corners;
 use super::search::{self, Field, Search, Window};
-use super::{LEAST_MATCHES, LEAST_SCORE, LEAST_TRUST, cells_within, distinct, kept, returns};
+use super::{
+    LEAST_MATCHES, LEAST_SCORE, LEAST_TRUST, RIVAL, cells_within, distinct, kept, returns,
+};
 use crate::faults::Refusal;
 use crate::faults::alignment::fit::{Fit, Observation, freely_fitted};
 use crate::faults::alignment::model::{Place, ROLL, Terms, ZOOM, half_width, residual};
@@ -77,7 +79,7 @@ pub(super) fn roughly_matched(pyramids: &[Pyramid; 2], level: usize) -> Result<R
         if peak.score < LEAST_SCORE {
             continue;
         }
-        if !distinct(&peak) {
+        if peak.second > RIVAL || !distinct(&peak) {
             ambiguous += 1;
             continue;
         }
