@@ -134,15 +134,36 @@ impl RealFft2 {
         self.width / 2 + 1
     }
 
+    /// How many complex numbers a half spectrum has: `(width / 2 + 1) * height`.
+    pub fn spectrum_len(&self) -> usize {
+        self.bins() * self.height
+    }
+
     /// The half spectrum of a real plane.
     ///
     /// # Panics
     /// When `plane` has another length than `width * height`.
     pub fn forward(&self, plane: &[f64]) -> Vec<Complex64> {
+        let mut spectrum = vec![ZERO; self.spectrum_len()];
+        self.forward_into(plane, &mut Vec::new(), &mut spectrum);
+        spectrum
+    }
+
+    /// [`Self::forward`] into memory that is there already. `work` is scratch memory, reused when passed again.
+    ///
+    /// # Panics
+    /// When `plane` has another length than `width * height`, or `spectrum` than [`Self::spectrum_len`].
+    pub fn forward_into(
+        &self,
+        plane: &[f64],
+        work: &mut Vec<Complex64>,
+        spectrum: &mut [Complex64],
+    ) {
         assert_eq!(plane.len(), self.width * self.height, "samples");
+        assert_eq!(spectrum.len(), self.spectrum_len(), "spectrum");
         let (height, bins) = (self.height, self.bins());
-        let rows = self.row_spectra(plane);
-        let mut spectrum = vec![ZERO; bins * height];
+        self.row_spectra(plane, work);
+        let rows = &*work;
         let column = &self.forward[1];
         spectrum
             .par_chunks_mut(BLOCK * height)
@@ -160,13 +181,12 @@ impl RealFft2 {
                     column.process_with_scratch(columns, scratch);
                 },
             );
-        spectrum
     }
 
     /// The half spectra of all rows, row by row.
-    fn row_spectra(&self, plane: &[f64]) -> Vec<Complex64> {
+    fn row_spectra(&self, plane: &[f64], rows: &mut Vec<Complex64>) {
         let (width, bins) = (self.width, self.bins());
-        let mut rows = vec![ZERO; bins * self.height];
+        rows.resize(bins * self.height, ZERO);
         let plan = &self.forward[0];
         rows.par_chunks_mut(BLOCK * bins)
             .zip(plane.par_chunks(BLOCK * width))
@@ -196,7 +216,6 @@ impl RealFft2 {
                     }
                 },
             );
-        rows
     }
 
     /// The real plane of a half spectrum that `fill` writes column by column: `fill(k, column)` for each `k` of

@@ -81,6 +81,11 @@ impl<T: Copy> Plane<T> {
         &mut self.samples
     }
 
+    /// The samples themselves, row by row.
+    pub fn into_samples(self) -> Vec<T> {
+        self.samples
+    }
+
     /// One row.
     pub fn row(&self, y: usize) -> &[T] {
         &self.samples[y * self.width..(y + 1) * self.width]

@@ -23,12 +23,13 @@ pub mod shape;
 pub mod structure;
 mod tables;
 mod windows;
+mod workspace;
 
-use normalise::normalised;
 use pyramid::Pyramid;
 use shape::Sums;
 use tables::ORIENTATIONS;
 use vergence_imaging::{Gray, Plane, Rgb};
+use workspace::Workspace;
 
 use crate::error::QualityError;
 
@@ -50,20 +51,32 @@ pub const LAGS: [usize; 7] = [1, 5, 9, 13, 17, 21, 25];
 /// The features of a grey picture (values 0 to 255), on the threads of the current rayon pool; the same bytes on any
 /// number of them.
 ///
+/// Takes about 20 numbers of 8 bytes per pixel. Up to 256 MiB of it are kept for the next picture.
+///
 /// Errors: a picture smaller than [`MIN_SIDE`] on a side or [`MIN_LONGER_SIDE`] on both; one that is constant, or so nearly
 /// that a band has nothing to be normalised by.
 pub fn features_from_gray(picture: &Gray) -> Result<Features, QualityError> {
     // Refused before any memory is taken for it.
     check_size(picture.size())?;
-    features_from_owned(picture.map(f64::from))
+    let mut memory = Workspace::kept();
+    let mut plane = memory.plane(picture.width(), picture.height());
+    for (sample, &value) in plane.samples_mut().iter_mut().zip(picture.samples()) {
+        *sample = f64::from(value);
+    }
+    let features = features_in_memory(&plane, &mut memory);
+    memory.take_back([plane]);
+    memory.keep();
+    features
 }
 
 /// [`features_from_gray`] of samples that are not rounded. The scale is that of 8-bit pictures, 0 to 255, and matters.
 ///
 /// Errors: those of [`features_from_gray`], and a sample that is not a number.
 pub fn features_from_plane(picture: &Plane<f64>) -> Result<Features, QualityError> {
-    check_size(picture.size())?;
-    features_from_owned(picture.clone())
+    let mut memory = Workspace::kept();
+    let features = features_in_memory(picture, &mut memory);
+    memory.keep();
+    features
 }
 
 /// Grey of a colour picture as the release takes it: its weights, rounded to the nearest integer, halves up. (They are
@@ -77,14 +90,17 @@ pub fn grey_from_rgb(picture: &Rgb) -> Gray {
     })
 }
 
-fn features_from_owned(picture: Plane<f64>) -> Result<Features, QualityError> {
-    check(&picture)?;
-    let pyramid = Pyramid::new(&picture);
-    drop(picture);
+fn features_in_memory(
+    picture: &Plane<f64>,
+    memory: &mut Workspace,
+) -> Result<Features, QualityError> {
+    check(picture)?;
+    let pyramid = Pyramid::in_memory(picture, memory);
     let mut f = [0.0; FEATURE_COUNT];
     f[31..43].copy_from_slice(&structure::with_high(&pyramid.high, &pyramid.bands));
-    let maps = normalised(&pyramid.bands)?;
-    drop(pyramid);
+    let maps = normalise::in_memory(&pyramid.bands, memory)?;
+    memory.take_back(pyramid.bands);
+    memory.take_back([pyramid.high]);
     for (i, map) in maps.iter().enumerate() {
         f[i] = map.sums.variance();
         f[12 + i] = map.sums.shape();
@@ -102,6 +118,7 @@ fn features_from_owned(picture: Plane<f64>) -> Result<Features, QualityError> {
         )));
     }
     f[73..].copy_from_slice(&structure::among(std::array::from_fn(|m| &maps[m].map)));
+    memory.take_back(maps.into_iter().map(|map| map.map));
     if f.iter().all(|v| v.is_finite()) {
         Ok(f)
     } else {

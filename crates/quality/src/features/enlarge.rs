@@ -1,5 +1,6 @@
 //! Enlarging with the kernel of Keys (1981, a = -1/2), as MATLAB's `imresize` does it for "bicubic".
 
+use multiversion::multiversion;
 use rayon::prelude::*;
 use vergence_imaging::Plane;
 
@@ -128,10 +129,15 @@ fn blend_rows(source: &Plane<f64>, taps: &Taps, out: &mut [f64]) {
     for (k, &weight) in taps.weights.iter().enumerate() {
         if weight != 0.0 {
             let row = source.row(reflected(taps.first + k as isize, source.height()));
-            for (out, sample) in out.iter_mut().zip(row) {
-                *out += weight * sample;
-            }
+            add_weighted(row, weight, out);
         }
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl", "x86_64+avx2"))]
+fn add_weighted(row: &[f64], weight: f64, out: &mut [f64]) {
+    for (out, sample) in out.iter_mut().zip(row) {
+        *out += weight * sample;
     }
 }
 
@@ -158,15 +164,20 @@ fn stretch_twice(padded: &[f64], columns: &[Taps], out: &mut [f64]) {
     };
     let [(even, e), (odd, o)] = [phase(0), phase(1)];
     let n = out.len() / 2;
-    let part = |start: usize| -> [&[f64]; 4] {
-        std::array::from_fn(|k| &padded[start + k..start + k + n])
-    };
-    let (a, b) = (part(even), part(odd));
-    let last = 2 * n;
-    stretch(padded, &columns[last..], &mut out[last..]);
+    let (pairs, last) = out.split_at_mut(2 * n);
+    stretch(padded, &columns[2 * n..], last);
+    phases(&padded[even..], e, &padded[odd..], o, pairs);
+}
+
+/// Samples 2i from `a` with weights `e`, samples 2i + 1 from `b` with weights `o`.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl", "x86_64+avx2"))]
+fn phases(a: &[f64], e: [f64; 4], b: &[f64], o: [f64; 4], out: &mut [f64]) {
+    let n = out.len() / 2;
+    let [a0, a1, a2, a3] = [&a[..n], &a[1..n + 1], &a[2..n + 2], &a[3..n + 3]];
+    let [b0, b1, b2, b3] = [&b[..n], &b[1..n + 1], &b[2..n + 2], &b[3..n + 3]];
     for (i, pair) in out.chunks_exact_mut(2).enumerate() {
-        pair[0] = e[0] * a[0][i] + e[1] * a[1][i] + e[2] * a[2][i] + e[3] * a[3][i];
-        pair[1] = o[0] * b[0][i] + o[1] * b[1][i] + o[2] * b[2][i] + o[3] * b[3][i];
+        pair[0] = e[0] * a0[i] + e[1] * a1[i] + e[2] * a2[i] + e[3] * a3[i];
+        pair[1] = o[0] * b0[i] + o[1] * b1[i] + o[2] * b2[i] + o[3] * b3[i];
     }
 }
 

@@ -58,7 +58,11 @@ impl WithSimd for SumOfProducts<'_, '_> {
                     let (i, j) = BLOCK_PAIRS[p];
                     let a = split::<S>(row, i * BLOCK, from, to);
                     let b = split::<S>(row, j * BLOCK, from, to);
-                    block_products(simd, a, b, &mut blocks[p]);
+                    if i == j {
+                        block_products::<S, true>(simd, a, b, &mut blocks[p]);
+                    } else {
+                        block_products::<S, false>(simd, a, b, &mut blocks[p]);
+                    }
                 }
                 from = to;
             }
@@ -94,8 +98,9 @@ fn split<'a, S: Simd>(
     parts
 }
 
+/// Adds the products of two blocks; of one with itself (`DIAGONAL`) those on and above the diagonal.
 #[inline(always)]
-fn block_products<S: Simd>(
+fn block_products<S: Simd, const DIAGONAL: bool>(
     simd: S,
     [a0, a1, a2, a3, a4]: [Split<S>; BLOCK],
     [b0, b1, b2, b3, b4]: [Split<S>; BLOCK],
@@ -107,7 +112,7 @@ fn block_products<S: Simd>(
     for (((((x0, x1), x2), x3), x4), ((((y0, y1), y2), y3), y4)) in a.zip(b) {
         let (x, y) = ([*x0, *x1, *x2, *x3, *x4], [*y0, *y1, *y2, *y3, *y4]);
         for i in 0..BLOCK {
-            for j in 0..BLOCK {
+            for j in if DIAGONAL { i } else { 0 }..BLOCK {
                 local[i][j] = simd.mul_add_e_f64s(x[i], y[j], local[i][j]);
             }
         }
@@ -116,7 +121,7 @@ fn block_products<S: Simd>(
         let x = last(simd, [a0.1, a1.1, a2.1, a3.1, a4.1]);
         let y = last(simd, [b0.1, b1.1, b2.1, b3.1, b4.1]);
         for i in 0..BLOCK {
-            for j in 0..BLOCK {
+            for j in if DIAGONAL { i } else { 0 }..BLOCK {
                 local[i][j] = simd.mul_add_e_f64s(x[i], y[j], local[i][j]);
             }
         }
@@ -203,7 +208,16 @@ fn divided<S: Simd, const W: usize>(
     let mut first = 0;
     while first < ENTRIES {
         let mut t = [[zero; W]; BLOCK];
-        for j in first..ENTRIES {
+        for d in 0..BLOCK {
+            let y = &row[first + d][at..at + W];
+            for i in 0..=d {
+                let factor = simd.splat_f64s(by.factor[first + d][first + i]);
+                for w in 0..W {
+                    t[i][w] = simd.mul_add_e_f64s(factor, y[w], t[i][w]);
+                }
+            }
+        }
+        for j in first + BLOCK..ENTRIES {
             let y = &row[j][at..at + W];
             for i in 0..BLOCK {
                 let factor = simd.splat_f64s(by.factor[j][first + i]);

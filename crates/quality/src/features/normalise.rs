@@ -9,6 +9,7 @@ use super::enlarge::{EnlargedRows, Enlargement};
 use super::kernels::{CENTRE, Divisor, ENTRIES, Matrix, RowVectors, centre, divide, products, sum};
 use super::shape::Sums;
 use super::tables::ORIENTATIONS;
+use super::workspace::Workspace;
 use crate::error::QualityError;
 
 /// Bands with a parent: one less than there are orientations, by the release's index arithmetic.
@@ -37,9 +38,17 @@ pub struct Normalised {
 /// `bands` are the twelve of the pyramid. Each scale is gone through twice, all six bands at a time: for the covariances,
 /// then to divide.
 pub fn normalised(bands: &[Plane<f64>]) -> Result<Vec<Normalised>, QualityError> {
+    in_memory(bands, &mut Workspace::default())
+}
+
+/// [`normalised`] in memory that may have served before.
+pub(crate) fn in_memory(
+    bands: &[Plane<f64>],
+    memory: &mut Workspace,
+) -> Result<Vec<Normalised>, QualityError> {
     let (fine, coarse) = bands.split_at(ORIENTATIONS);
-    let mut maps = normalised_scale(fine, coarse, GUARDS[0])?;
-    maps.extend(normalised_scale(coarse, &[], GUARDS[1])?);
+    let mut maps = normalised_scale(fine, coarse, GUARDS[0], memory)?;
+    maps.extend(normalised_scale(coarse, &[], GUARDS[1], memory)?);
     Ok(maps)
 }
 
@@ -48,12 +57,15 @@ fn normalised_scale(
     bands: &[Plane<f64>],
     children: &[Plane<f64>],
     guard: usize,
+    memory: &mut Workspace,
 ) -> Result<Vec<Normalised>, QualityError> {
     let scale = Scale::new(bands, children);
     let divisors = scale.divisors().ok_or(QualityError::Constant)?;
     let (width, height) = scale.size();
     let inner = (width - 2 * guard, height - 2 * guard);
-    let mut maps = vec![Plane::filled(inner.0, inner.1, 0.0); ORIENTATIONS];
+    let mut maps: Vec<Plane<f64>> = (0..ORIENTATIONS)
+        .map(|_| memory.plane(inner.0, inner.1))
+        .collect();
     // Rows in the guard band only must not have a z of zero, which makes their sum infinite or not a number.
     let guarded = (0..guard).chain(height - guard..height);
     let guarded: Vec<usize> = guarded.step_by(ROWS).collect();

@@ -10,6 +10,9 @@ use vergence_imaging::Plane;
 use vergence_imaging::fft64::{Complex64, RealFft2};
 
 use super::tables::{ORIENTATIONS, TABLES, turn_from_angle};
+use super::workspace::Workspace;
+
+const ZERO: Complex64 = Complex64::new(0.0, 0.0);
 
 /// High-pass residual and the twelve bands.
 #[derive(Clone, Debug)]
@@ -23,21 +26,33 @@ pub struct Pyramid {
 impl Pyramid {
     /// Of a picture of at least 4 x 4 samples.
     pub fn new(picture: &Plane<f64>) -> Self {
-        let (width, height) = picture.size();
-        let fft = RealFft2::new(width, height);
-        let mut spectrum = fft.forward(picture.samples());
-        let quarter = Quarter::new(width, height);
-        let mut work = Vec::new();
-        let mut high = Plane::filled(width, height, 0.0);
+        Self::in_memory(picture, &mut Workspace::default())
+    }
+
+    /// [`Self::new`] in memory that may have served before.
+    pub(crate) fn in_memory(picture: &Plane<f64>, memory: &mut Workspace) -> Self {
+        let size @ (width, height) = picture.size();
+        let half = (width.div_ceil(2), height.div_ceil(2));
+        let mut high = memory.plane(width, height);
+        let mut bands: Vec<Plane<f64>> = [size, half]
+            .into_iter()
+            .flat_map(|size| [size; ORIENTATIONS])
+            .map(|(width, height)| memory.plane(width, height))
+            .collect();
+        let ffts = [size, half].map(|(width, height)| RealFft2::new(width, height));
+        let mut spectrum = memory.spectrum(ffts[0].spectrum_len());
+        let mut inner = memory.spectrum(ffts[1].spectrum_len());
+        let mut work = memory.spectrum(ffts[0].spectrum_len());
+        ffts[0].forward_into(picture.samples(), &mut work, &mut spectrum);
+        let quarter = Quarter::new(size);
         let residual = |k: usize, out: &mut [Complex64]| {
             let column = &spectrum[k * height..(k + 1) * height];
             for (l, (out, value)) in out.iter_mut().zip(column).enumerate() {
                 *out = value * TABLES.high(quarter.rho(k, l.min(height - l)), 0.0);
             }
         };
-        fft.inverse_with(residual, &mut work, high.samples_mut());
-        let half = (width.div_ceil(2), height.div_ceil(2));
-        let inner_ring = inner_ring(&spectrum, &quarter, half);
+        ffts[0].inverse_with(residual, &mut work, high.samples_mut());
+        inner_ring(&spectrum, &quarter, half, &mut inner);
         spectrum
             .par_chunks_mut(height)
             .enumerate()
@@ -47,18 +62,19 @@ impl Pyramid {
                     *value *= TABLES.low(rho, 0.0) * TABLES.high(rho, 1.0);
                 }
             });
-        let mut bands = Vec::with_capacity(2 * ORIENTATIONS);
-        oriented(
-            &fft,
-            &spectrum,
-            &quarter,
-            &mut work,
-            (width, height),
-            &mut bands,
-        );
-        drop(spectrum);
-        let fft = RealFft2::new(half.0, half.1);
-        oriented(&fft, &inner_ring, &quarter, &mut work, half, &mut bands);
+        let mut lobes = Lobes::new(&quarter);
+        for (b, mirrored) in [(0, 0), (1, 5), (2, 4), (3, 3)] {
+            lobes.set(b, mirrored);
+            for b in [b, mirrored] {
+                let (fine, coarse) = bands.split_at_mut(ORIENTATIONS);
+                oriented(&ffts[0], &spectrum, &lobes, b, &mut work, &mut fine[b]);
+                oriented(&ffts[1], &inner, &lobes, b, &mut work, &mut coarse[b]);
+                if b == mirrored {
+                    break;
+                }
+            }
+        }
+        memory.take_back_spectra([spectrum, inner, work]);
         Self { high, bands }
     }
 }
@@ -74,7 +90,7 @@ struct Quarter {
 }
 
 impl Quarter {
-    fn new(width: usize, height: usize) -> Self {
+    fn new((width, height): (usize, usize)) -> Self {
         let (columns, rows) = (width / 2 + 1, height / 2 + 1);
         let x = |k: usize| k as f64 / (0.5 * width as f64);
         let y = |l: usize| l as f64 / (0.5 * height as f64);
@@ -98,10 +114,6 @@ impl Quarter {
     fn rho(&self, k: usize, l: usize) -> f64 {
         self.rho[k * self.rows + l]
     }
-
-    fn turns(&self, k: usize) -> &[f64] {
-        &self.turn[k * self.rows..(k + 1) * self.rows]
-    }
 }
 
 /// The half spectrum of the second scale but for its lobes: the middle of the first one, low-passed twice, high-passed.
@@ -109,16 +121,16 @@ fn inner_ring(
     spectrum: &[Complex64],
     quarter: &Quarter,
     (width, height): (usize, usize),
-) -> Vec<Complex64> {
+    ring: &mut [Complex64],
+) {
     let full_height = spectrum.len() / (quarter.rho.len() / quarter.rows);
-    let mut ring = vec![Complex64::new(0.0, 0.0); (width / 2 + 1) * height];
     ring.par_chunks_mut(height)
         .enumerate()
-        .filter(|&(k, _)| 2 * k != width)
         .for_each(|(k, column)| {
             for (l, value) in column.iter_mut().enumerate() {
                 let below = height - l;
-                if l == below {
+                if l == below || 2 * k == width {
+                    *value = ZERO;
                     continue;
                 }
                 let row = if l < below { l } else { full_height - below };
@@ -127,47 +139,92 @@ fn inner_ring(
                 *value = spectrum[k * full_height + row] * mask;
             }
         });
-    ring
 }
 
-/// Six bands from the half spectrum of a ring.
+/// Two lobes that mirror each other at the x axis (b and 6 - b, up to the sign), at the frequencies of a quarter.
+struct Lobes<'a> {
+    quarter: &'a Quarter,
+    indices: [usize; 2],
+    planes: [Vec<f64>; 2],
+}
+
+impl<'a> Lobes<'a> {
+    fn new(quarter: &'a Quarter) -> Self {
+        Self {
+            quarter,
+            indices: [0; 2],
+            planes: [Vec::new(), Vec::new()],
+        }
+    }
+
+    fn set(&mut self, b: usize, mirrored: usize) {
+        self.indices = [b, mirrored];
+        let count = if b == mirrored { 1 } else { 2 };
+        for (plane, b) in self.planes.iter_mut().zip(self.indices).take(count) {
+            plane.resize(self.quarter.turn.len(), 0.0);
+            plane
+                .par_iter_mut()
+                .zip(&self.quarter.turn)
+                .with_min_len(4096)
+                .for_each(|(lobe, &turn)| *lobe = TABLES.angular(turn, b));
+        }
+    }
+
+    /// Lobe `b` on column `k`, above the x axis and below, the latter with its sign.
+    fn columns(&self, b: usize, k: usize) -> (&[f64], &[f64], f64) {
+        let rows = self.quarter.rows;
+        let column = |i: usize| &self.planes[i][k * rows..(k + 1) * rows];
+        let own = usize::from(b != self.indices[0]);
+        let other = if self.indices[0] == self.indices[1] {
+            own
+        } else {
+            1 - own
+        };
+        // cos⁵ is even, and odd under half a turn.
+        let sign = if b == 0 { 1.0 } else { -1.0 };
+        (column(own), column(other), sign)
+    }
+}
+
+/// Band `b` from the half spectrum of a ring.
 fn oriented(
     fft: &RealFft2,
     ring: &[Complex64],
-    quarter: &Quarter,
+    lobes: &Lobes,
+    b: usize,
     work: &mut Vec<Complex64>,
-    (width, height): (usize, usize),
-    bands: &mut Vec<Plane<f64>>,
+    band: &mut Plane<f64>,
 ) {
-    for b in 0..ORIENTATIONS {
-        let mut band = Plane::filled(width, height, 0.0);
-        let lobe = |k: usize, out: &mut [Complex64]| {
-            let column = &ring[k * height..(k + 1) * height];
-            lobe_column(column, quarter.turns(k), b, out);
-            if k == 0 {
-                out[0] = Complex64::new(0.0, 0.0);
-            }
-        };
-        fft.inverse_with(lobe, work, band.samples_mut());
-        bands.push(band);
-    }
+    let height = band.height();
+    let lobe = |k: usize, out: &mut [Complex64]| {
+        let column = &ring[k * height..(k + 1) * height];
+        lobe_column(column, lobes.columns(b, k), out);
+        if k == 0 {
+            out[0] = ZERO;
+        }
+    };
+    fft.inverse_with(lobe, work, band.samples_mut());
 }
 
-/// One column of a ring times -i and lobe `b`; below the x axis the direction is mirrored.
-fn lobe_column(column: &[Complex64], turns: &[f64], b: usize, out: &mut [Complex64]) {
+/// One column of a ring times -i and a lobe.
+fn lobe_column(
+    column: &[Complex64],
+    (above, below, sign): (&[f64], &[f64], f64),
+    out: &mut [Complex64],
+) {
     let height = column.len();
-    let turned = |value: Complex64, turn: f64| {
-        let lobe = TABLES.angular(turn, b);
-        Complex64::new(value.im * lobe, -value.re * lobe)
-    };
-    out[0] = turned(column[0], turns[0]);
-    for l in 1..height.div_ceil(2) {
-        out[l] = turned(column[l], turns[l]);
-        out[height - l] = turned(column[height - l], -turns[l]);
+    let turned = |value: Complex64, lobe: f64| Complex64::new(value.im * lobe, -value.re * lobe);
+    let half = height.div_ceil(2);
+    for ((out, &value), &lobe) in out.iter_mut().zip(column).zip(above).take(half) {
+        *out = turned(value, lobe);
     }
     if height.is_multiple_of(2) {
         // Nyquist: nothing is left there.
-        out[height / 2] = Complex64::new(0.0, 0.0);
+        out[half] = ZERO;
+    }
+    let lower = out[1..].iter_mut().rev().zip(column[1..].iter().rev());
+    for ((out, &value), &lobe) in lower.zip(&below[1..]).take(half - 1) {
+        *out = turned(value, sign * lobe);
     }
 }
 
