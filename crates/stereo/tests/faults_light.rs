@@ -31,7 +31,8 @@ struct Found {
     noise: [f64; 2],
 }
 
-fn found(pair: [&Rgb; 2]) -> Found {
+/// `None` where too little corresponds to tell.
+fn found(pair: [&Rgb; 2]) -> Option<Found> {
     let grey = pair.map(luma_from_rgb);
     // Rows by the median of the matches: enough for areas and patches.
     let rows = matching::matched(&grey[0], &grey[1]).map_or(0.0, |m| {
@@ -42,12 +43,12 @@ fn found(pair: [&Rgb; 2]) -> Found {
     let green = pair.map(|eye| eye.map(|px| px[1]));
     let planes = [&green[0], &green[1]];
     let noise = noise_of(planes);
-    let sharpness = sharpness_from_map(planes, &map, &vertical, noise.as_ref()).unwrap();
-    Found {
-        light: photometry_from_map(pair, &map, &vertical, Some(&sharpness)).unwrap(),
+    let sharpness = sharpness_from_map(planes, &map, &vertical, noise.as_ref())?;
+    Some(Found {
+        light: photometry_from_map(pair, &map, &vertical, Some(&sharpness))?,
         sharpness,
         noise: noise.map_or([f64::NAN; 2], |n| n.level),
-    }
+    })
 }
 
 /// What is planted into the right eye, and into the left.
@@ -146,7 +147,10 @@ fn plants() -> Vec<(&'static str, Plant)> {
 /// Errors of gain (share) and blur (px) of one plant, printed.
 fn errors(name: &str, pair: [&Rgb; 2], own: &Found, (what, plant): &(&str, Plant)) -> [f64; 2] {
     let eyes = plant.planted_into(pair);
-    let got = found([&eyes[0], &eyes[1]]);
+    let Some(got) = found([&eyes[0], &eyes[1]]) else {
+        println!("{name:18} {what:38} cannot be told");
+        return [f64::NAN; 2];
+    };
     let gain = got.light.luma.gain / (own.light.luma.gain * plant.gain) - 1.0;
     let own_blur = match own.sharpness.blurrier {
         Some(_) => own.sharpness.blur_sigma_px,
@@ -169,7 +173,7 @@ fn errors(name: &str, pair: [&Rgb; 2], own: &Found, (what, plant): &(&str, Plant
 fn table(pairs: &[recorded::RealPair], only: &[&str]) -> Vec<(String, [f64; 2])> {
     let mut all = Vec::new();
     for pair in pairs {
-        let own = found(pair.pair());
+        let own = found(pair.pair()).unwrap();
         println!(
             "{:18} as given: gain {:.4}, level {:+.2} %, gamma {:.2}, colour {:+.1} {:+.1} %, blur {:+.2} ± {:.2} px, noise {:.1} {:.1}",
             pair.name,

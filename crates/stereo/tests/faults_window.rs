@@ -92,11 +92,13 @@ fn ghosts() {
     );
     let mut striped = apart;
     let stripes = |phase: usize| {
-        Gray::from_fn(
-            320,
-            160,
-            move |x, _| if (x / 8 + phase).is_multiple_of(2) { 0 } else { 255 },
-        )
+        Gray::from_fn(320, 160, move |x, _| {
+            if (x / 8 + phase).is_multiple_of(2) {
+                0
+            } else {
+                255
+            }
+        })
     };
     striped.pictures = [stripes(0), stripes(1)];
     let full = ghosting_from_map(&striped, 0.05, &view);
@@ -119,7 +121,8 @@ fn shape_by_the_rig() {
     let expected = 2.0 / 4.0 * 0.07 / 0.065;
     assert!((shape.roundness - expected).abs() < 1e-12);
     assert!((shape.roundness_at_median.unwrap() - expected).abs() < 0.01);
-    assert!((shape.puppet_ratio.unwrap() - 1.0).abs() < 0.05);
+    // Half a pixel of 3 mm between the percentiles is 8 % of distance here.
+    assert!((shape.puppet_ratio.unwrap() - 1.0).abs() < 0.12);
 }
 
 /// A cut is found where the picture changes at once, with its jump of depth; motion and repeated pictures are none.

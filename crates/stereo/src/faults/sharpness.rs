@@ -56,6 +56,9 @@ const BIN_ERROR: f64 = 0.04;
 /// Beyond this blur at one size the pair is halved and measured again: little is left in a patch of what was blurred so much.
 const HALVED_FROM_PX: f64 = 1.3;
 
+/// What a halved pair says must be at least this share of what was said before.
+const SAME_BLUR: f64 = 0.7;
+
 /// At most so many halvings.
 const MOST_HALVINGS: usize = 3;
 
@@ -87,8 +90,11 @@ pub fn sharpness_from_map(
         // The mean of four pixels has a quarter of the noise's variance.
         floor = floor.map(|f| f / 4.0);
         match sharpness_at(planes, size, map, vertical_px, floor) {
-            Some(found) => best = found,
-            None => break,
+            // Where little is left to compare, none is seen: the size before knew better.
+            Some(found) if found.blur_sigma_px.abs() > SAME_BLUR * best.blur_sigma_px.abs() => {
+                best = found;
+            }
+            _ => break,
         }
     }
     Some(best)

@@ -1,6 +1,6 @@
 //! Eyes swapped: is the picture given as the left eye's really the left eye's?
 //!
-//! Signs that need no metadata, all read from a dense disparity map of the pair *as given*; see `docs/concept-pair-faults.md`.
+//! Signs that need no metadata, all read from a dense disparity map of the pair *as given*; see `docs/concept-pair-appearance.md`.
 
 use vergence_imaging::{Gray, Plane};
 

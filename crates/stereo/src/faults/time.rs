@@ -1,6 +1,6 @@
 //! Time offset between the eyes, from a sequence of pairs.
 //!
-//! Two ways, see `docs/concept-pair-faults.md`. *Motion signal*: how much moves in each band of rows, over time, is nearly the same in
+//! Two ways, see `docs/concept-pair-appearance.md`. *Motion signal*: how much moves in each band of rows, over time, is nearly the same in
 //! both eyes, only later in one of them; the lag of best correlation is the offset, to half a frame or so where there is parallax. *Vertical residue*: a point that moves
 //! up or down by `v` px a frame is `v τ` higher or lower in the other eye.
 
