@@ -186,7 +186,7 @@ fn folder(path: &Path) -> Result<Vec<Item>, Fault> {
         return Err(fault::usage(format!("the folder holds no pictures and no films: {}", path.display()))
             .hint("pictures are known by their endings (png, jpg, mpo, jps, tif, webp, bmp, gif, pgm ...); folders in it are not searched"));
     }
-    Ok(paired(files))
+    Ok(paired(&files))
 }
 
 /// The pictures and films of a folder, in order of name.
@@ -218,42 +218,37 @@ fn files_of(path: &Path) -> Result<Vec<PathBuf>, Fault> {
 }
 
 /// Files by themselves and pairs whose names differ in the eye alone, in order of name.
-fn paired(files: Vec<PathBuf>) -> Vec<Item> {
+fn paired(files: &[PathBuf]) -> Vec<Item> {
     let key = |file: &Path| {
         let (eye, rest) = names::eye_in_name(file)?;
         let ending = file.extension().unwrap_or_default().to_ascii_lowercase();
         Some((eye, (rest, ending)))
     };
     let mut rights = BTreeMap::new();
-    for file in &files {
+    for file in files {
         if let Some((Eye::Right, key)) = key(file) {
             rights.insert(key, file.clone());
         }
     }
-    let mut taken = Vec::new();
     let mut items = Vec::new();
-    for file in &files {
+    for file in files {
         if let Some((Eye::Left, key)) = key(file)
             && let Some(right) = rights.remove(&key)
         {
             items.push(Item {
                 name: format!("{} + {}", file.display(), last_part(&right)),
                 source: if names::is_film(file) {
-                    Source::Films(file.clone(), right.clone())
+                    Source::Films(file.clone(), right)
                 } else {
-                    Source::Pair(file.clone(), right.clone())
+                    Source::Pair(file.clone(), right)
                 },
                 remarks: Vec::new(),
             });
-            taken.push(right);
         } else if key(file).is_none_or(|(eye, _)| eye == Eye::Left) {
             items.push(alone(file, key(file).is_some()));
         }
     }
-    let lone = files
-        .iter()
-        .filter(|f| key(f).is_some_and(|(eye, _)| eye == Eye::Right) && !taken.contains(f));
-    items.extend(lone.map(|file| alone(file, true)));
+    items.extend(rights.into_values().map(|file| alone(&file, true)));
     items.sort_by(|a, b| a.name.cmp(&b.name));
     items
 }
@@ -414,7 +409,7 @@ mod tests {
     use super::*;
 
     fn sources(files: &[&str]) -> Vec<Source> {
-        let items = paired(files.iter().map(PathBuf::from).collect());
+        let items = paired(&files.iter().map(PathBuf::from).collect::<Vec<_>>());
         items.into_iter().map(|i| i.source).collect()
     }
 
@@ -442,7 +437,7 @@ mod tests {
                 file("right_3.jpg"),
             ]
         );
-        let lone = paired(vec![PathBuf::from("left_2.jpg")]);
+        let lone = paired(&[PathBuf::from("left_2.jpg")]);
         assert!(lone[0].remarks[0].contains("the other eye's file is not there"));
         // Another kind of file is no partner: it may be a preview.
         assert_eq!(sources(&["x_l.png", "x_r.jpg"]).len(), 2);
