@@ -55,7 +55,7 @@ fn a_model_is_imported_listed_shown_and_removed() {
         "{err}"
     );
     let file = place.path().join("data/models/mine.json");
-    assert_eq!(files_under(place.path()), [file.clone()]);
+    assert_eq!(files_under(place.path()), std::slice::from_ref(&file));
 
     let shown = model(&place, &["show", "mine", "--format", "json"]).json();
     assert_eq!(shown["name"], "mine");

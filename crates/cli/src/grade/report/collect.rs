@@ -190,9 +190,7 @@ impl Collected {
             return data;
         }
         data.verdict = self.items.iter().filter_map(|i| i.verdict).max();
-        let worst = std::mem::replace(&mut data.title, self.title);
-        data.facts
-            .push(("Shown here: the worst item".to_owned(), worst));
+        data.worst_item = Some(std::mem::replace(&mut data.title, self.title));
         let known: Vec<usize> = (0..DRAWN.len())
             .filter(|m| self.measures[*m].is_some())
             .collect();

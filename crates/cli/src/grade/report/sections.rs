@@ -27,6 +27,11 @@ fn badge(verdict: Verdict) -> Markup {
     }
 }
 
+/// A score as it is told: one decimal, a true minus sign.
+fn tenths(score: f64) -> String {
+    crate::figure::axis::fixed(score, 1)
+}
+
 fn cut(text: &str) -> String {
     let mut out: String = text.chars().take(MOST_CHARS).collect();
     if out.len() < text.len() {
@@ -185,7 +190,7 @@ fn score_row(named: &NamedScore) -> Markup {
     html! {
         tr {
             th scope="row" { (named.name) }
-            td.value data-label="Score" { strong { (format!("{:.1}", score.score).replace('-', "\u{2212}")) } @if let Some(v) = verdict { " " (badge(v)) } }
+            td.value data-label="Score" { strong { (tenths(score.score)) } @if let Some(v) = verdict { " " (badge(v)) } }
             td.meter data-label="0 best \u{2026} 100 worst" {
                 @if let (Some([look, bad]), Some(verdict)) = (named.limits, verdict) {
                     (Gauge { name: &named.name, value: score.score.max(0.0), sigma: None, look, bad, unit: "of 100", verdict, ends: ["best", "worst"] }.draw())
@@ -361,7 +366,7 @@ pub(super) fn time_line(data: &ReportData) -> Markup {
                                 @match &item.failure {
                                     Some(why) => td.why colspan="2" data-label="Not graded" { (cut(why)) },
                                     None => {
-                                        td data-label="Score" { @if let Some(s) = item.score { (format!("{s:.1}")) } @else { "\u{2013}" } }
+                                        td data-label="Score" { @if let Some(s) = item.score { (tenths(s)) } @else { "\u{2013}" } }
                                         td data-label="Verdict" { @if let Some(v) = item.verdict { (badge(v)) } @else { "not judged" } }
                                     },
                                 }

@@ -147,12 +147,15 @@ fn film(frames: usize) -> ReportData {
         at: i as f64 * 0.5,
         name: format!("frame {i} <b>"),
         score: (i % 50 != 7).then(|| 30.0 + 20.0 * (i as f64 / 9.0).sin()),
-        verdict: Some(if i % 9 == 0 {
+        verdict: Some(if i.is_multiple_of(9) {
             Verdict::Bad
         } else {
             Verdict::Good
         }),
-        measures: vec![Some((i as f64 / 30.0).cos()), (i % 3 > 0).then_some(0.1)],
+        measures: vec![
+            Some((i as f64 / 30.0).cos()),
+            (!i.is_multiple_of(3)).then_some(0.1),
+        ],
         failure: (i % 50 == 7).then(|| "its data break off".to_owned()),
     };
     data.time_line = Some(TimeLine {
