@@ -250,12 +250,18 @@ impl RealFft2 {
             .for_each_init(
                 || {
                     let scratch = vec![ZERO; row.get_inplace_scratch_len()];
-                    (vec![ZERO; BLOCK.div_ceil(2) * width], scratch)
+                    let pieces = vec![ZERO; bins * BLOCK];
+                    (vec![ZERO; BLOCK.div_ceil(2) * width], pieces, scratch)
                 },
-                |(pairs, scratch), (block, samples)| {
+                |(pairs, pieces, scratch), (block, samples)| {
                     let count = samples.len() / width;
                     let pairs = &mut pairs[..count.div_ceil(2) * width];
-                    self.pair_rows(work, block * BLOCK, count, pairs);
+                    // Copied first: many columns are then on their way from memory at a time.
+                    let columns = work.chunks_exact(height);
+                    for (piece, column) in pieces.chunks_exact_mut(BLOCK).zip(columns) {
+                        piece[..count].copy_from_slice(&column[block * BLOCK..][..count]);
+                    }
+                    self.pair_rows(pieces, count, pairs);
                     row.process_with_scratch(pairs, scratch);
                     let scale = 1.0 / (width * height) as f64;
                     for (samples, pair) in samples.chunks_mut(2 * width).zip(pairs.chunks(width)) {
@@ -271,12 +277,13 @@ impl RealFft2 {
             );
     }
 
-    /// Whole spectra of pairs of rows from `top`, one row as the real and one as the imaginary part.
-    fn pair_rows(&self, columns: &[Complex64], top: usize, count: usize, pairs: &mut [Complex64]) {
-        let (width, height) = (self.width, self.height);
-        for (k, column) in columns.chunks_exact(height).enumerate() {
+    /// Whole spectra of pairs of rows, one row as the real and one as the imaginary part, from `BLOCK` values of each
+    /// column.
+    fn pair_rows(&self, pieces: &[Complex64], count: usize, pairs: &mut [Complex64]) {
+        let width = self.width;
+        for (k, piece) in pieces.chunks_exact(BLOCK).enumerate() {
             let own_negative = k == 0 || 2 * k == width;
-            for (pair, rows) in column[top..top + count].chunks(2).enumerate() {
+            for (pair, rows) in piece[..count].chunks(2).enumerate() {
                 let z = &mut pairs[pair * width..(pair + 1) * width];
                 let (a, b) = (rows[0], rows.get(1).copied().unwrap_or(ZERO));
                 if own_negative {

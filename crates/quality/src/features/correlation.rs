@@ -44,18 +44,18 @@ pub fn correlations(map: &Plane<f64>, range: [f64; 2]) -> [f64; 7] {
 
 /// The number of each sample's bin; a sample on an edge goes to the lower one.
 fn bins_from_samples(map: &Plane<f64>, [least, greatest]: [f64; 2]) -> Plane<u8> {
-    let width = (greatest - least) / BINS;
+    let per_sample = BINS / (greatest - least);
     let mut bins = Plane::filled(map.width(), map.height(), 0_u8);
     let rows = bins.samples_mut().par_chunks_mut(map.width());
     rows.zip(map.samples().par_chunks(map.width()))
-        .for_each(|(bins, samples)| number(samples, least, width, bins));
+        .for_each(|(bins, samples)| number(samples, least, per_sample, bins));
     bins
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
-fn number(samples: &[f64], least: f64, width: f64, bins: &mut [u8]) {
+fn number(samples: &[f64], least: f64, per_sample: f64, bins: &mut [u8]) {
     for (bin, sample) in bins.iter_mut().zip(samples) {
-        let number = ((sample - least) / width).ceil() - 1.0;
+        let number = ((sample - least) * per_sample).ceil() - 1.0;
         // NaN (all samples alike) becomes 0.
         *bin = number.clamp(0.0, BINS - 1.0) as u8;
     }

@@ -125,19 +125,29 @@ fn reflected(i: isize, n: usize) -> usize {
 }
 
 fn blend_rows(source: &Plane<f64>, taps: &Taps, out: &mut [f64]) {
-    out.fill(0.0);
-    for (k, &weight) in taps.weights.iter().enumerate() {
-        if weight != 0.0 {
-            let row = source.row(reflected(taps.first + k as isize, source.height()));
-            add_weighted(row, weight, out);
+    let row = |k: usize| source.row(reflected(taps.first + k as isize, source.height()));
+    let w = &taps.weights;
+    // Of six weights the first and the last are zero, or only one of them.
+    blend(
+        [row(1), row(2), row(3), row(4)],
+        [w[1], w[2], w[3], w[4]],
+        out,
+    );
+    for k in [0, 5] {
+        if w[k] != 0.0 {
+            for (out, sample) in out.iter_mut().zip(row(k)) {
+                *out += w[k] * sample;
+            }
         }
     }
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl", "x86_64+avx2"))]
-fn add_weighted(row: &[f64], weight: f64, out: &mut [f64]) {
-    for (out, sample) in out.iter_mut().zip(row) {
-        *out += weight * sample;
+fn blend(rows: [&[f64]; 4], w: [f64; 4], out: &mut [f64]) {
+    let n = out.len();
+    let [a, b, c, d] = [&rows[0][..n], &rows[1][..n], &rows[2][..n], &rows[3][..n]];
+    for (i, out) in out.iter_mut().enumerate() {
+        *out = w[0] * a[i] + w[1] * b[i] + w[2] * c[i] + w[3] * d[i];
     }
 }
 

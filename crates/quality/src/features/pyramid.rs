@@ -5,6 +5,7 @@
 //! that nothing is left on the Nyquist lines (where a frequency is its own negative and the lobes would be uneven), neither
 //! of the whole spectrum nor of the cropped one. At the zero frequency the bands' spectra are imaginary and are dropped.
 
+use multiversion::multiversion;
 use rayon::prelude::*;
 use vergence_imaging::Plane;
 use vergence_imaging::fft64::{Complex64, RealFft2};
@@ -207,24 +208,23 @@ fn oriented(
 }
 
 /// One column of a ring times -i and a lobe.
-fn lobe_column(
-    column: &[Complex64],
-    (above, below, sign): (&[f64], &[f64], f64),
-    out: &mut [Complex64],
-) {
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl", "x86_64+avx2"))]
+fn lobe_column(column: &[Complex64], lobe: (&[f64], &[f64], f64), out: &mut [Complex64]) {
+    let (above, below, sign) = lobe;
     let height = column.len();
-    let turned = |value: Complex64, lobe: f64| Complex64::new(value.im * lobe, -value.re * lobe);
     let half = height.div_ceil(2);
-    for ((out, &value), &lobe) in out.iter_mut().zip(column).zip(above).take(half) {
-        *out = turned(value, lobe);
+    let (upper, lower) = out.split_at_mut(half);
+    let upper = upper.iter_mut().zip(&column[..half]).zip(&above[..half]);
+    for ((out, value), lobe) in upper {
+        *out = Complex64::new(value.im * lobe, -value.re * lobe);
     }
-    if height.is_multiple_of(2) {
-        // Nyquist: nothing is left there.
-        out[half] = ZERO;
-    }
-    let lower = out[1..].iter_mut().rev().zip(column[1..].iter().rev());
-    for ((out, &value), &lobe) in lower.zip(&below[1..]).take(half - 1) {
-        *out = turned(value, sign * lobe);
+    // Nyquist: nothing is left there.
+    let nyquist = usize::from(height.is_multiple_of(2));
+    lower[..nyquist].fill(ZERO);
+    let lower = lower[nyquist..].iter_mut().zip(&column[half + nyquist..]);
+    for ((out, value), lobe) in lower.zip(below[1..half].iter().rev()) {
+        let lobe = sign * lobe;
+        *out = Complex64::new(value.im * lobe, -value.re * lobe);
     }
 }
 
