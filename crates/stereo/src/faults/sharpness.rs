@@ -56,6 +56,10 @@ const BIN_ERROR: f64 = 0.04;
 /// Beyond this blur at one size the pair is halved and measured again: little is left in a patch of what was blurred so much.
 const HALVED_FROM_PX: f64 = 1.3;
 
+/// A misfit of the spectra beyond this, per bin in standard deviations squared, explains nothing: strong waves that are longer than a
+/// patch leak into all its bins. Halved pairs have fewer of them.
+const MOST_MISFIT: f64 = 8.0;
+
 /// What a halved pair says must be at least this share of what was said before.
 const SAME_BLUR: f64 = 0.7;
 
@@ -77,11 +81,12 @@ pub fn sharpness_from_map(
     let mut floor = noise.map_or([f64::INFINITY; 2], |n| {
         n.level.map(|l| l * l * window_power())
     });
-    let mut best = sharpness_at(planes, size, map, vertical_px, floor)?;
+    let (mut best, mut misfit) = sharpness_at(planes, size, map, vertical_px, floor)?;
     let mut halves: [Gray; 2];
     let mut planes = planes;
     for _ in 0..MOST_HALVINGS {
-        if best.blur_sigma_px.abs() < HALVED_FROM_PX * size {
+        let explained = misfit < MOST_MISFIT;
+        if explained && best.blur_sigma_px.abs() < HALVED_FROM_PX * size {
             break;
         }
         halves = planes.map(half);
@@ -90,9 +95,12 @@ pub fn sharpness_from_map(
         // The mean of four pixels has a quarter of the noise's variance.
         floor = floor.map(|f| f / 4.0);
         match sharpness_at(planes, size, map, vertical_px, floor) {
-            // Where little is left to compare, none is seen: the size before knew better.
-            Some(found) if found.blur_sigma_px.abs() > SAME_BLUR * best.blur_sigma_px.abs() => {
-                best = found;
+            // Where little is left to compare, none is seen: the size before knew better, if it knew anything.
+            Some((found, rest))
+                if !explained
+                    || found.blur_sigma_px.abs() > SAME_BLUR * best.blur_sigma_px.abs() =>
+            {
+                (best, misfit) = (found, rest);
             }
             _ => break,
         }
@@ -107,20 +115,20 @@ fn sharpness_at(
     map: &DisparityMap,
     vertical_px: &dyn Fn(f64, f64) -> f64,
     floor: [f64; 2],
-) -> Option<Sharpness> {
+) -> Option<(Sharpness, f64)> {
     let groups = spectra(planes, size, map, vertical_px);
     let patches: usize = groups.iter().map(|g| g.patches).sum();
     if patches < LEAST_PATCHES {
         return None;
     }
     let all = Spectra::sum(groups.iter());
-    let square = blur_square(&all, floor);
+    let (square, misfit) = blur_square(&all, floor);
     let mut without = Vec::new();
     for left_out in 0..groups.len() {
         let rest = groups.iter().enumerate().filter(|(i, _)| *i != left_out);
         let rest = Spectra::sum(rest.map(|(_, g)| g));
         if rest.patches >= LEAST_PATCHES / 2 && groups[left_out].patches > 0 {
-            without.push(blur_square(&rest, floor));
+            without.push(blur_square(&rest, floor).0);
         }
     }
     let n = without.len().max(2) as f64;
@@ -135,12 +143,13 @@ fn sharpness_at(
         true => Eye::Right,
         false => Eye::Left,
     };
-    Some(Sharpness {
+    let found = Sharpness {
         blur_sigma_px: blur * size,
         sigma_px: sigma * size,
         blurrier: told.then_some(blurrier),
         patches,
-    })
+    };
+    Some((found, misfit))
 }
 
 /// Summed power spectra of a group of patches.
@@ -312,8 +321,8 @@ impl Transform {
 const BLUR_STEP_PX: f64 = 0.025;
 const BLUR_STEPS: i32 = 240;
 
-/// The difference of squared blurs, px², right minus left: mean over what the spectra allow.
-fn blur_square(spectra: &Spectra, noise: [f64; 2]) -> f64 {
+/// The difference of squared blurs, px², right minus left: mean over what the spectra allow; and the least misfit per bin.
+fn blur_square(spectra: &Spectra, noise: [f64; 2]) -> (f64, f64) {
     let weights = spectra.weights.max(1e-300);
     let power = spectra.power.map(|p| p.map(|v| v / weights + 1e-9));
     let least = power.map(|p| p.into_iter().fold(f64::INFINITY, f64::min));
@@ -333,7 +342,8 @@ fn blur_square(spectra: &Spectra, noise: [f64; 2]) -> f64 {
             sum.add(-0.5 * misfit, square);
         }
     }
-    sum.mean()
+    let misfit = -2.0 * sum.most.unwrap_or(0.0) / BINS as f64;
+    (sum.mean(), misfit)
 }
 
 /// Weighted mean with weights given by their logarithms.
