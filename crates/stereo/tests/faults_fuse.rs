@@ -87,7 +87,7 @@ fn single_within_the_limit_and_double_beyond() {
     let double = fused_of(&left, &right, &strict);
     let both = Rgb::from_fn(400, 160, |x, y| {
         let (l, r) = (left.at(x, y), right.at(x, y));
-        std::array::from_fn(|c| ((u16::from(l[c]) + u16::from(r[c]) + 1) / 2) as u8)
+        std::array::from_fn(|c| (u16::from(l[c]) + u16::from(r[c])).div_ceil(2) as u8)
     });
     assert!(mean_difference(&crop(&double.picture), &crop(&both)) < 0.6);
     assert!(double.double_share > 0.95, "{}", double.double_share);
