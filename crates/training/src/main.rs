@@ -5,13 +5,13 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use anyhow::{Context as _, Result, bail};
-use vergence_imaging::files::write_gray;
+use vergence_imaging::files::{write_gray, write_whole};
 use vergence_training::examples::{Example, examples};
 use vergence_training::scenes::scene;
 use vergence_training::{evaluate, report, store};
 
 const USAGE: &str = "usage:
-  vergence-training train [--seed 1] [--scenes 90] [--set FILE] [--out FILE]   make the default model
+  vergence-training train [--seed 1] [--scenes 60] [--set FILE] [--out FILE]   make the default model
   vergence-training evaluate SHARED_FOLDER [--model FILE]    the test set: against the LIVE model's scores
   vergence-training validate [--model FILE] [--live MAT] [--set FILE] PICTURE...  against labels on pictures of your own
   vergence-training show FOLDER COUNT [--seed 1]             write scenes as PNG";
@@ -55,15 +55,16 @@ fn train(seed: u64, options: &Options) -> Result<()> {
             made
         }
     };
-    let model = report::train_and_report(&set, seed)?;
+    let model = report::train_and_report(&set, scenes, seed)?;
     if let Some(out) = options.path("out") {
-        std::fs::write(&out, model.to_json()?).with_context(|| out.display().to_string())?;
+        write_whole(&out, model.to_json()?.as_bytes())
+            .with_context(|| out.display().to_string())?;
         println!("written: {}", out.display());
     }
     Ok(())
 }
 
-/// The training scenes, drawn, and a quarter as many scenes after them, on the ladder.
+/// The training scenes, drawn, and a part as many scenes after them, on the ladder.
 fn make(seed: u64, scenes: usize) -> Result<Vec<Example>> {
     let finished = AtomicUsize::new(0);
     let total = scenes + scenes / report::HELD_OUT_ONE_IN;

@@ -77,8 +77,8 @@ mod tests {
     use super::*;
 
     /// Sixty points by formula, for both tests; the expected numbers are libsvm 3.37's (`-s 0 -c 5 -g 0.5 -e 1e-8` and
-    /// `-s 3 -c 20 -g 0.5 -p 1 -e 1e-8`). Both dual problems are strictly convex here, so the optimum is one; the tolerance is what the
-    /// two stopping tests leave.
+    /// `-s 3 -c 20 -g 0.5 -p 1 -e 1e-8`). Both dual problems are strictly convex here, so the optimum is one; the tolerance is what
+    /// stopping tests leave, and that libsvm keeps its kernel in single precision (1e-7 of 135 in the sum).
     fn points() -> Vec<Features> {
         let point = |i: u32| {
             let i = f64::from(i);
@@ -114,7 +114,7 @@ mod tests {
             optimum.rho
         );
         let sum: f64 = optimum.alpha.iter().sum();
-        assert!((sum - 134.584_718_365_996_14).abs() < 1e-5, "{sum}");
+        assert!((sum - 134.584_718_365_996_14).abs() < 5e-5, "{sum}");
         assert_eq!(optimum.alpha.iter().filter(|&&a| a > 0.0).count(), 36);
         for (i, expected) in [
             (0, 0.999_999_986_8),

@@ -3,7 +3,7 @@
 use anyhow::{Result, ensure};
 use rayon::prelude::*;
 use vergence_quality::model::{
-    CLASSES, Classifier, DISTORTIONS, PAIRS, Regressor, Scaling, Support,
+    CLASSES, Classifier, DISTORTIONS, Distortion, PAIRS, Regressor, Scaling, Support,
 };
 use vergence_quality::{Features, Model};
 
@@ -19,13 +19,50 @@ use crate::svm::{Kernel, fold_of, svc};
 const DECIMALS: f64 = 1e3;
 /// Parts of the cross-validation; no scene is in two parts.
 const FOLDS: usize = 5;
-/// What is tried. Cross-validation over our own scenes alone would take kernels ten times narrower and larger coefficients,
-/// which fit these scenes and carry over worse to photographs (docs/concept-default-model.md).
-const GAMMAS: [f64; 3] = [0.0025, 0.005, 0.01];
-const CLASS_BOUNDS: [f64; 3] = [8.0, 32.0, 128.0];
-const TUBE_BOUNDS: [f64; 3] = [16.0, 64.0, 128.0];
-/// Half width of the tube, points of the scale: about as well as people agree with each other.
-const EPSILON: f64 = 5.0;
+/// What is tried for the classifier.
+const CLASS_GRID: Grid = Grid {
+    gammas: &[0.01, 0.03, 0.1],
+    bounds: &[4.0, 16.0, 64.0],
+    epsilon: 0.0,
+};
+/// What is tried for the regressors. Cross-validation over our own scenes alone would take narrower kernels and larger
+/// coefficients, which fit these scenes and carry over worse to photographs (docs/concept-default-model.md).
+const RATE_GRID: Grid = Grid {
+    gammas: &[0.0025, 0.005, 0.01],
+    bounds: &[16.0, 64.0, 128.0],
+    epsilon: 5.0,
+};
+/// Blur has its own: with kernels as wide as the others' its strongest end falls back.
+const BLUR_GRID: Grid = Grid {
+    gammas: &[0.03, 0.06],
+    bounds: &[32.0, 128.0],
+    epsilon: 2.0,
+};
+
+/// Settings that are tried.
+#[derive(Clone, Copy, Debug)]
+struct Grid {
+    /// Of the kernel.
+    gammas: &'static [f64],
+    /// Largest coefficients.
+    bounds: &'static [f64],
+    /// Half width of the tube of a regression, points of the scale.
+    epsilon: f64,
+}
+
+impl Grid {
+    fn tries(self) -> Vec<(f64, f64)> {
+        let with = |&gamma: &f64| self.bounds.iter().map(move |&bound| (gamma, bound));
+        self.gammas.iter().flat_map(with).collect()
+    }
+
+    fn tube(self, bound: f64) -> Tube {
+        Tube {
+            bound,
+            epsilon: self.epsilon,
+        }
+    }
+}
 
 /// Settings of one machine with what they reach in cross-validation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -155,7 +192,7 @@ fn classifier(examples: &[Example], labels: &Labels, seed: u64) -> Result<(Class
         .collect();
     let (pictures, classes): (Vec<&Example>, Vec<usize>) = chosen.into_iter().unzip();
     let task = Task::new(&pictures, seed)?;
-    let tries: Vec<(f64, f64)> = pairs_of(&GAMMAS, &CLASS_BOUNDS);
+    let tries = CLASS_GRID.tries();
     let reached: Vec<f64> = tries
         .par_iter()
         .map(|&(gamma, bound)| class_accuracy(&task, &classes, gamma, bound, seed))
@@ -249,13 +286,22 @@ fn regressor(
         .collect();
     let targets: Vec<f64> = chosen.iter().map(|e| labels.label(&e.measures)).collect();
     let task = Task::new(&chosen, seed)?;
-    let tries = pairs_of(&GAMMAS, &TUBE_BOUNDS);
+    let grid = if DISTORTIONS[class] == Distortion::Blur {
+        BLUR_GRID
+    } else {
+        RATE_GRID
+    };
+    let tries = grid.tries();
     let reached: Vec<f64> = tries
         .par_iter()
-        .map(|&(gamma, bound)| spearman(&rated(&task, &targets, gamma, bound), &targets))
+        .map(|&(gamma, bound)| spearman(&rated(&task, &targets, gamma, grid.tube(bound)), &targets))
         .collect();
     let choice = best(&tries, &reached);
-    let fit = Regression::fitted(&task.kernel(choice.gamma), &targets, tube(choice.bound));
+    let fit = Regression::fitted(
+        &task.kernel(choice.gamma),
+        &targets,
+        grid.tube(choice.bound),
+    );
     let used: Vec<usize> = (0..targets.len())
         .filter(|&i| fit.coefficients[i] != 0.0)
         .collect();
@@ -269,31 +315,18 @@ fn regressor(
 }
 
 /// What machines say that have not seen the scenes.
-fn rated(task: &Task, targets: &[f64], gamma: f64, bound: f64) -> Vec<f64> {
+fn rated(task: &Task, targets: &[f64], gamma: f64, tube: Tube) -> Vec<f64> {
     let kernel = task.kernel(gamma);
     let mut rates = vec![0.0; targets.len()];
     for fold in 0..FOLDS {
         let (unseen, seen) = task.split(fold);
         let own: Vec<f64> = seen.iter().map(|&i| targets[i]).collect();
-        let fit = Regression::fitted(&kernel.of(&seen), &own, tube(bound));
+        let fit = Regression::fitted(&kernel.of(&seen), &own, tube);
         for &i in &unseen {
             rates[i] = fit.at(seen.iter().map(|&s| kernel.at(i, s)));
         }
     }
     rates
-}
-
-fn tube(bound: f64) -> Tube {
-    Tube {
-        bound,
-        epsilon: EPSILON,
-    }
-}
-
-fn pairs_of(a: &[f64], b: &[f64]) -> Vec<(f64, f64)> {
-    a.iter()
-        .flat_map(|&a| b.iter().map(move |&b| (a, b)))
-        .collect()
 }
 
 /// The first of the best.

@@ -79,9 +79,7 @@ fn maps(a: &Field, b: &Field) -> Maps {
 mod tests {
     use super::*;
 
-    /// Twice the contrast about the same mean: structure is (4 v + C2) / (5 v + C2), luminance 1, at every scale whose
-    /// variance does not change. Stripes wider than all windows would not have one variance, so random blocks of 64
-    /// pixels stand for them and the bound is loose.
+    /// Twice the contrast v about the same mean: structure is (2 * 2 v + C2) / (v + 4 v + C2), luminance 1.
     #[test]
     fn doubled_contrast_has_its_closed_form() {
         let one = Field::from_fn(64, 64, |x, y| {
