@@ -102,20 +102,23 @@ struct Line {
 
 impl Line {
     fn new(row: &[u8]) -> Self {
-        let sums = |part: &[u8]| {
-            let (mut sum, mut squares) = (0_u64, 0_u64);
-            for &bin in part {
-                sum += u64::from(bin);
-                squares += u64::from(bin) * u64::from(bin);
-            }
-            [i128::from(sum), i128::from(squares)]
-        };
+        let sums = |part: &[u8]| sum_and_squares(part).map(i128::from);
         Self {
             whole: sums(row),
             head: LAGS.map(|lag| sums(&row[..lag.min(row.len())])),
             tail: LAGS.map(|lag| sums(&row[row.len().saturating_sub(lag)..])),
         }
     }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl", "x86_64+avx2"))]
+fn sum_and_squares(bins: &[u8]) -> [u64; 2] {
+    let (mut sum, mut squares) = (0, 0);
+    for piece in bins.chunks(PIECE) {
+        sum += piece.iter().map(|&v| u64::from(v)).sum::<u64>();
+        squares += dot(piece, piece);
+    }
+    [sum, squares]
 }
 
 /// All pairs at one lag, each in both orders: how many, and sums over their first samples (and over their second ones,

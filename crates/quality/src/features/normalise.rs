@@ -73,7 +73,9 @@ fn normalised_scale(
         let end = if top < guard { guard } else { height };
         let rows = top..end.min(top + ROWS);
         let mut fine = true;
-        scale.divide(rows, &divisors, |_, _, row| fine &= sum(row).is_finite());
+        scale.divide(rows, &divisors, &mut Default::default(), |_, _, row| {
+            fine &= sum(row).is_finite()
+        });
         fine
     });
     let mut blocks: Vec<Vec<&mut [f64]>> = Vec::new();
@@ -87,11 +89,11 @@ fn normalised_scale(
     let totals: Vec<[f64; ORIENTATIONS]> = blocks
         .into_par_iter()
         .enumerate()
-        .map(|(block, mut out)| {
+        .map_init(Default::default, |room, (block, mut out)| {
             let top = guard + block * ROWS;
             let rows = top..(guard + inner.1).min(top + ROWS);
             let mut totals = [0.0; ORIENTATIONS];
-            scale.divide(rows, &divisors, |b, i, row| {
+            scale.divide(rows, &divisors, room, |b, i, row| {
                 let row_out = &mut out[b][i * inner.0..(i + 1) * inner.0];
                 row_out.copy_from_slice(&row[guard..guard + inner.0]);
                 // What is left out only has to be finite: it counts as nothing then.
@@ -169,13 +171,12 @@ impl<'a> Scale<'a> {
     }
 
     /// Rows of the parents beside interior rows `rows`, one parent after the other.
-    fn parent_rows(&self, rows: &std::ops::Range<usize>) -> Vec<f64> {
+    fn parent_rows(&self, rows: &std::ops::Range<usize>, samples: &mut Vec<f64>) {
         let size = rows.len() * self.bands[0].width();
-        let mut samples = vec![0.0; self.parents.len() * size];
+        samples.resize(self.parents.len() * size, 0.0);
         for (parent, out) in self.parents.iter().zip(samples.chunks_exact_mut(size)) {
             parent.write(rows.start + 1, out);
         }
-        samples
     }
 
     /// Vectors of interior row `row` of band `b`. The order of entries changes nothing but rounding.
@@ -209,15 +210,15 @@ impl<'a> Scale<'a> {
         let starts: Vec<usize> = (0..height).step_by(ROWS).collect();
         let blocks: Vec<Vec<(Matrix, f64)>> = starts
             .par_iter()
-            .map(|&from| {
+            .map_init(Vec::new, |parents, &from| {
                 let rows = from..height.min(from + ROWS);
-                let parents = self.parent_rows(&rows);
+                self.parent_rows(&rows, parents);
                 let of_band = |b: usize| {
                     let vectors: Vec<RowVectors> = rows
                         .clone()
                         .enumerate()
                         .map(|(i, row)| {
-                            self.row(b, row, self.parent_row(&parents, b, i, rows.len()))
+                            self.row(b, row, self.parent_row(parents, b, i, rows.len()))
                         })
                         .collect();
                     let total = vectors.iter().map(|row| sum(row[CENTRE])).sum();
@@ -267,15 +268,17 @@ impl<'a> Scale<'a> {
         &self,
         rows: std::ops::Range<usize>,
         divisors: &[Divisor],
+        room: &mut [Vec<f64>; 2],
         mut take: impl FnMut(usize, usize, &[f64]),
     ) {
-        let parents = self.parent_rows(&rows);
-        let mut out = vec![0.0; self.size().0];
+        let [parents, out] = room;
+        self.parent_rows(&rows, parents);
+        out.resize(self.size().0, 0.0);
         for (b, divisor) in divisors.iter().enumerate() {
             for (i, row) in rows.clone().enumerate() {
-                let parent = self.parent_row(&parents, b, i, rows.len());
-                divide(&self.row(b, row, parent), divisor, &mut out);
-                take(b, i, &out);
+                let parent = self.parent_row(parents, b, i, rows.len());
+                divide(&self.row(b, row, parent), divisor, out);
+                take(b, i, out);
             }
         }
     }

@@ -31,6 +31,9 @@ const TILE: usize = 256 - (SIDE - 1);
 /// Rows of windows whose columns are done at once: samples are then loaded for both.
 const PAIR: usize = 2;
 
+/// The same where there is one moment only.
+const FOUR: usize = 4;
+
 type Window = [f64; SIDE];
 
 static WINDOW: LazyLock<Window> = LazyLock::new(|| {
@@ -77,7 +80,7 @@ pub(crate) fn with_known(known: &Known, samples: &[&[f64]], columns: &mut Vec<f6
 
 /// Sums of CS of all pairs of maps over rows of windows.
 pub(crate) fn all_pairs(maps: &[Vec<&[f64]>; MAPS], columns: &mut Vec<f64>) -> [f64; PAIRS] {
-    columns.resize((2 * MAPS + PAIRS) * PAIR * (TILE + SIDE - 1), 0.0);
+    columns.resize((2 * MAPS + 1) * FOUR * (TILE + SIDE - 1), 0.0);
     Arch::new().dispatch(AllPairs { maps, columns })
 }
 
@@ -255,21 +258,24 @@ fn add<S: Simd>(
     sum: &mut S::f64s,
 ) {
     let (two, c2) = (simd.splat_f64s(2.0), simd.splat_f64s(C2));
-    let mut cs = *ab;
+    let (mut above, mut below) = (*ab, *ab);
     for w in 0..WIDE {
         let covariance = simd.sub_f64s(ab[w], simd.mul_f64s(mean_a[w], mean_b[w]));
-        let above = simd.mul_add_e_f64s(two, covariance, c2);
-        let below = simd.add_f64s(simd.add_f64s(spread_a[w], spread_b[w]), c2);
-        cs[w] = simd.div_f64s(above, below);
+        above[w] = simd.mul_add_e_f64s(two, covariance, c2);
+        below[w] = simd.add_f64s(simd.add_f64s(spread_a[w], spread_b[w]), c2);
     }
     if done > 0 {
         let mut places = [0.0; WIDE * MOST_LANES];
-        store::<S>(&cs, &mut places, 0);
+        store::<S>(&above, &mut places, 0);
         places[..done].fill(0.0);
-        cs = load::<S>(&places, 0);
+        above = load::<S>(&places, 0);
     }
-    for w in 0..WIDE {
-        *sum = simd.add_f64s(*sum, cs[w]);
+    for w in [0, 2] {
+        // a / b + c / d by one division, which costs as much as many products.
+        let product = simd.mul_f64s(below[w], below[w + 1]);
+        let first = simd.mul_f64s(above[w], below[w + 1]);
+        let both = simd.mul_add_e_f64s(above[w + 1], below[w], first);
+        *sum = simd.add_f64s(*sum, simd.div_f64s(both, product));
     }
 }
 
@@ -410,12 +416,13 @@ impl WithSimd for AllPairs<'_, '_> {
         let mut sums = [simd.splat_f64s(0.0); PAIRS];
         for t in 0..windows.div_ceil(TILE) {
             let mut top = 0;
-            while top + PAIR <= rows {
-                self.tile::<S, PAIR>(simd, Tile::new(top, t, windows), &mut sums);
-                top += PAIR;
+            while top + FOUR <= rows {
+                self.tile::<S, FOUR>(simd, Tile::new(top, t, windows), &mut sums);
+                top += FOUR;
             }
-            if top < rows {
+            while top < rows {
                 self.tile::<S, 1>(simd, Tile::new(top, t, windows), &mut sums);
+                top += 1;
             }
         }
         let mut totals = [0.0; PAIRS];
@@ -429,54 +436,46 @@ impl WithSimd for AllPairs<'_, '_> {
 impl AllPairs<'_, '_> {
     #[inline(always)]
     fn tile<S: Simd, const R: usize>(&mut self, simd: S, tile: Tile, sums: &mut [S::f64s; PAIRS]) {
-        let stride = tile.width();
         let window = &*WINDOW;
-        // First a mean and a mean square of each map and row, then the products of each pair and row.
-        let (own, products) = self.columns.split_at_mut(2 * MAPS * R * stride);
-        let mut p = 0;
-        for a in 0..MAPS {
-            down::<S, R>(
-                simd,
-                window,
-                &self.maps[a],
-                tile,
-                &mut own[2 * R * a * stride..],
-                stride,
-            );
-            for b in a + 1..MAPS {
-                let out = &mut products[p * R * stride..];
-                down_product::<S, R>(
-                    simd,
-                    window,
-                    [&self.maps[a], &self.maps[b]],
-                    tile,
-                    out,
-                    stride,
-                );
-                p += 1;
+        let stride = tile.width();
+        // A mean and a variance of each map and row; then room for one map or one pair.
+        let (own, room) = self.columns.split_at_mut(2 * MAPS * R * stride);
+        for m in 0..MAPS {
+            for r in 0..R {
+                let row = Tile {
+                    top: tile.top + r,
+                    ..tile
+                };
+                down::<S, 1>(simd, window, &self.maps[m], row, room, stride);
+                let (means, variances) = own[2 * (R * m + r) * stride..].split_at_mut(stride);
+                for i in 0..pieces::<S>(tile.windows) {
+                    let (x, _) = piece::<S>(i, tile.windows);
+                    let mean = along(simd, window, room, x);
+                    let squares = along(simd, window, &room[stride..], x);
+                    store::<S>(&mean, means, x);
+                    store::<S>(&spread(simd, &mean, &squares), variances, x);
+                }
             }
         }
-        let zero = [simd.splat_f64s(0.0); WIDE];
-        for r in 0..R {
-            for i in 0..pieces::<S>(tile.windows) {
-                let (x, done) = piece::<S>(i, tile.windows);
-                let (mut means, mut spreads) = ([zero; MAPS], [zero; MAPS]);
-                for m in 0..MAPS {
-                    let at = 2 * (R * m + r) * stride;
-                    means[m] = along(simd, window, &own[at..], x);
-                    let squares = along(simd, window, &own[at + stride..], x);
-                    spreads[m] = spread(simd, &means[m], &squares);
-                }
-                let mut p = 0;
-                for a in 0..MAPS {
-                    for b in a + 1..MAPS {
-                        let ab = along(simd, window, &products[(p * R + r) * stride..], x);
-                        let means = [&means[a], &means[b]];
-                        let spreads = [&spreads[a], &spreads[b]];
-                        add(simd, &ab, means, spreads, done, &mut sums[p]);
-                        p += 1;
+        let mut p = 0;
+        for a in 0..MAPS {
+            for b in a + 1..MAPS {
+                let maps = [&self.maps[a][..], &self.maps[b][..]];
+                down_product::<S, R>(simd, window, maps, tile, room, stride);
+                for r in 0..R {
+                    let (at_a, at_b) = (2 * (R * a + r) * stride, 2 * (R * b + r) * stride);
+                    for i in 0..pieces::<S>(tile.windows) {
+                        let (x, done) = piece::<S>(i, tile.windows);
+                        let ab = along(simd, window, &room[r * stride..], x);
+                        let mean_a = load::<S>(own, at_a + x);
+                        let mean_b = load::<S>(own, at_b + x);
+                        let var_a = load::<S>(own, at_a + stride + x);
+                        let var_b = load::<S>(own, at_b + stride + x);
+                        let means = [&mean_a, &mean_b];
+                        add(simd, &ab, means, [&var_a, &var_b], done, &mut sums[p]);
                     }
                 }
+                p += 1;
             }
         }
     }

@@ -86,6 +86,8 @@ impl<T: Copy + Default> Shelf<T> {
                 return buffer;
             }
         }
+        // Those of another size would only be memory on top.
+        self.old.clear();
         vec![T::default(); length]
     }
 
