@@ -134,24 +134,34 @@ fn verdicts(text: &mut String, verdicts: &[VerdictEntry]) -> std::fmt::Result {
     if verdicts.is_empty() {
         return Ok(());
     }
+    let cells: Vec<[String; 3]> = verdicts.iter().map(cells).collect();
+    let head = ["cause", "value", "good to / bad from"];
+    let width = |column: usize| {
+        let widths = cells.iter().map(|row| row[column].chars().count());
+        widths.max().unwrap_or(0).max(head[column].len())
+    };
+    let (a, b, c) = (width(0), width(1), width(2));
     writeln!(
         text,
-        "\n  {:<22}{:>20}   {:<24}verdict",
-        "cause", "value", "good to / bad from"
+        "\n  {:<a$}  {:>b$}   {:<c$}  verdict",
+        head[0], head[1], head[2]
     )?;
-    for v in verdicts {
-        let unit = v.unit.split(',').next().unwrap_or_default();
-        let value = format!("{} {unit}", number(v.value));
-        let limits = format!("{} / {} {unit}", number(v.look), number(v.bad));
-        writeln!(
-            text,
-            "  {:<22}{value:>20}   {limits:<24}{}",
-            v.cause.replace('_', " "),
-            said(v.verdict)
-        )?;
+    for (v, [cause, value, limits]) in verdicts.iter().zip(&cells) {
+        let verdict = said(v.verdict);
+        writeln!(text, "  {cause:<a$}  {value:>b$}   {limits:<c$}  {verdict}")?;
         writeln!(text, "      {}", v.meaning)?;
     }
     Ok(())
+}
+
+/// Cause, value and limits as the table shows them.
+fn cells(v: &VerdictEntry) -> [String; 3] {
+    let unit = v.unit.split(',').next().unwrap_or_default();
+    [
+        v.cause.replace('_', " "),
+        format!("{} {unit}", number(v.value)),
+        format!("{} / {} {unit}", number(v.look), number(v.bad)),
+    ]
 }
 
 fn not_judged(
