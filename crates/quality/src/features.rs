@@ -58,6 +58,10 @@ pub const LAGS: [usize; 7] = [1, 5, 9, 13, 17, 21, 25];
 pub fn features_from_gray(picture: &Gray) -> Result<Features, QualityError> {
     // Refused before any memory is taken for it.
     check_size(picture.size())?;
+    let samples = picture.samples();
+    if samples.iter().all(|v| *v == samples[0]) {
+        return Err(QualityError::Constant);
+    }
     let mut memory = Workspace::kept();
     let mut plane = memory.plane(picture.width(), picture.height());
     for (sample, &value) in plane.samples_mut().iter_mut().zip(picture.samples()) {
@@ -73,6 +77,7 @@ pub fn features_from_gray(picture: &Gray) -> Result<Features, QualityError> {
 ///
 /// Errors: those of [`features_from_gray`], and a sample that is not a number.
 pub fn features_from_plane(picture: &Plane<f64>) -> Result<Features, QualityError> {
+    check(picture)?;
     let mut memory = Workspace::kept();
     let features = features_in_memory(picture, &mut memory);
     memory.keep();
@@ -94,7 +99,6 @@ fn features_in_memory(
     picture: &Plane<f64>,
     memory: &mut Workspace,
 ) -> Result<Features, QualityError> {
-    check(picture)?;
     let pyramid = Pyramid::in_memory(picture, memory);
     let mut f = [0.0; FEATURE_COUNT];
     f[31..43].copy_from_slice(&structure::with_high(&pyramid.high, &pyramid.bands));

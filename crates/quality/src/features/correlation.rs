@@ -56,8 +56,9 @@ fn bins_from_samples(map: &Plane<f64>, [least, greatest]: [f64; 2]) -> Plane<u8>
 fn number(samples: &[f64], least: f64, per_sample: f64, bins: &mut [u8]) {
     for (bin, sample) in bins.iter_mut().zip(samples) {
         let number = ((sample - least) * per_sample).ceil() - 1.0;
-        // NaN (all samples alike) becomes 0.
-        *bin = number.clamp(0.0, BINS - 1.0) as u8;
+        // In the last bits of 2⁵² + n stands n; NaN (all samples alike) becomes some bin, the same for all.
+        let number = number.clamp(0.0, BINS - 1.0) + (1_u64 << 52) as f64;
+        *bin = number.to_bits() as u8;
     }
 }
 

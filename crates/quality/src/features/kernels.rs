@@ -149,7 +149,7 @@ pub(crate) struct Divisor {
     pub(crate) mean: f64,
 }
 
-/// (sample - mean) / z of a row's samples, z² = |R y|² / N; not finite where z is zero.
+/// (sample - mean) / z of a row's samples (at least eight), z² = |R y|² / N; not finite where z is zero.
 pub(crate) fn divide(row: &RowVectors, by: &Divisor, out: &mut [f64]) {
     Arch::new().dispatch(Division { row, by, out });
 }
@@ -166,14 +166,14 @@ impl WithSimd for Division<'_, '_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Division { row, by, out } = self;
+        let n = out.len();
         let mut whole: [&[S::f64s]; ENTRIES] = [&[]; ENTRIES];
-        let mut rest = [[simd.splat_f64s(0.0)]; ENTRIES];
+        let mut end: [&[S::f64s]; ENTRIES] = [&[]; ENTRIES];
         for k in 0..ENTRIES {
-            let (body, tail) = S::as_simd_f64s(row[k]);
-            whole[k] = body;
-            rest[k] = [simd.partial_load_f64s(tail)];
+            whole[k] = S::as_simd_f64s(&row[k][..n]).0;
+            end[k] = S::as_simd_f64s(&row[k][n - S::F64_LANES..n]).0;
         }
-        let (body, tail) = S::as_mut_simd_f64s(out);
+        let (body, _) = S::as_mut_simd_f64s(out);
         let mut at = 0;
         while at + WIDE <= body.len() {
             let divided = divided::<S, WIDE>(simd, &whole, at, by);
@@ -184,14 +184,9 @@ impl WithSimd for Division<'_, '_> {
             body[at] = divided::<S, 1>(simd, &whole, at, by)[0];
             at += 1;
         }
-        if !tail.is_empty() {
-            let mut last: [&[S::f64s]; ENTRIES] = [&[]; ENTRIES];
-            for k in 0..ENTRIES {
-                last[k] = &rest[k];
-            }
-            let divided = divided::<S, 1>(simd, &last, 0, by)[0];
-            simd.partial_store_f64s(tail, divided);
-        }
+        // The last vector overlaps the one before; the same is written twice.
+        let (last, _) = S::as_mut_simd_f64s(&mut out[n - S::F64_LANES..]);
+        last[0] = divided::<S, 1>(simd, &end, 0, by)[0];
     }
 }
 

@@ -33,178 +33,165 @@ impl Pyramid {
     /// [`Self::new`] in memory that may have served before.
     pub(crate) fn in_memory(picture: &Plane<f64>, memory: &mut Workspace) -> Self {
         let size @ (width, height) = picture.size();
-        let half = (width.div_ceil(2), height.div_ceil(2));
+        let masks = match memory.masks.take() {
+            Some(masks) if masks.size == size => masks,
+            _ => Masks::new(size),
+        };
         let mut high = memory.plane(width, height);
-        let mut bands: Vec<Plane<f64>> = [size, half]
+        let mut bands: Vec<Plane<f64>> = [size, masks.half]
             .into_iter()
             .flat_map(|size| [size; ORIENTATIONS])
             .map(|(width, height)| memory.plane(width, height))
             .collect();
-        let ffts = [size, half].map(|(width, height)| RealFft2::new(width, height));
-        let mut spectrum = memory.spectrum(ffts[0].spectrum_len());
-        let mut inner = memory.spectrum(ffts[1].spectrum_len());
-        let mut work = memory.spectrum(ffts[0].spectrum_len());
-        ffts[0].forward_into(picture.samples(), &mut work, &mut spectrum);
-        let quarter = Quarter::new(size);
+        let [fft, half_fft] = &masks.ffts;
+        let mut spectrum = memory.spectrum(fft.spectrum_len());
+        let mut inner = memory.spectrum(half_fft.spectrum_len());
+        let mut work = memory.spectrum(fft.spectrum_len());
+        fft.forward_into(picture.samples(), &mut work, &mut spectrum);
         let residual = |k: usize, out: &mut [Complex64]| {
-            let column = &spectrum[k * height..(k + 1) * height];
-            for (l, (out, value)) in out.iter_mut().zip(column).enumerate() {
-                *out = value * TABLES.high(quarter.rho(k, l.min(height - l)), 0.0);
-            }
+            out.copy_from_slice(&spectrum[k * height..(k + 1) * height]);
+            times_mask(masks.column(&masks.high, k), out);
         };
-        ffts[0].inverse_with(residual, &mut work, high.samples_mut());
-        inner_ring(&spectrum, &quarter, half, &mut inner);
+        fft.inverse_with(residual, &mut work, high.samples_mut());
+        masks.inner_ring(&spectrum, &mut inner);
         spectrum
             .par_chunks_mut(height)
             .enumerate()
-            .for_each(|(k, column)| {
-                for (l, value) in column.iter_mut().enumerate() {
-                    let rho = quarter.rho(k, l.min(height - l));
-                    *value *= TABLES.low(rho, 0.0) * TABLES.high(rho, 1.0);
-                }
-            });
-        let mut lobes = Lobes::new(&quarter);
-        for (b, mirrored) in [(0, 0), (1, 5), (2, 4), (3, 3)] {
-            lobes.set(b, mirrored);
-            for b in [b, mirrored] {
-                let (fine, coarse) = bands.split_at_mut(ORIENTATIONS);
-                oriented(&ffts[0], &spectrum, &lobes, b, &mut work, &mut fine[b]);
-                oriented(&ffts[1], &inner, &lobes, b, &mut work, &mut coarse[b]);
-                if b == mirrored {
-                    break;
-                }
-            }
+            .for_each(|(k, column)| times_mask(masks.column(&masks.outer_ring, k), column));
+        for b in 0..ORIENTATIONS {
+            let (fine, coarse) = bands.split_at_mut(ORIENTATIONS);
+            masks.oriented(fft, &spectrum, b, &mut work, &mut fine[b]);
+            masks.oriented(half_fft, &inner, b, &mut work, &mut coarse[b]);
         }
         memory.take_back_spectra([spectrum, inner, work]);
+        memory.masks = Some(masks);
         Self { high, bands }
     }
 }
 
-/// Polar coordinates of the frequencies with both parts not negative, from which those of the others follow.
-struct Quarter {
+/// What depends on a picture's size alone: plans of transforms, and masks at the frequencies with both parts not negative,
+/// column by column, from which those of the others follow. About two and a half numbers per pixel.
+#[derive(Debug)]
+pub(crate) struct Masks {
+    size: (usize, usize),
+    half: (usize, usize),
+    ffts: [RealFft2; 2],
     /// Frequencies along y: 0 to height / 2.
     rows: usize,
-    /// Octaves below Nyquist, column by column.
-    rho: Vec<f64>,
-    /// Direction in steps of the angular table.
-    turn: Vec<f64>,
+    /// Of the high-pass residual.
+    high: Vec<f64>,
+    /// Of the bands of the first scale, but for their lobes.
+    outer_ring: Vec<f64>,
+    /// Of the bands of the second scale.
+    inner_ring: Vec<f64>,
+    lobes: Vec<Vec<f64>>,
 }
 
-impl Quarter {
-    fn new((width, height): (usize, usize)) -> Self {
+impl Masks {
+    fn new(size @ (width, height): (usize, usize)) -> Self {
+        let half = (width.div_ceil(2), height.div_ceil(2));
         let (columns, rows) = (width / 2 + 1, height / 2 + 1);
         let x = |k: usize| k as f64 / (0.5 * width as f64);
         let y = |l: usize| l as f64 / (0.5 * height as f64);
-        let plane = |f: &(dyn Fn(f64, f64) -> f64 + Sync)| -> Vec<f64> {
+        let plane = |mask: &(dyn Fn(usize, usize) -> f64 + Sync)| -> Vec<f64> {
             let mut values = vec![0.0; columns * rows];
             let columns = values.par_chunks_mut(rows).enumerate();
             columns.for_each(|(k, column)| {
                 for (l, value) in column.iter_mut().enumerate() {
-                    *value = f(x(k), y(l));
+                    *value = mask(k, l);
                 }
             });
             values
         };
-        let mut rho = plane(&|x, y| 0.5 * (x * x + y * y).log2());
-        // The zero frequency takes the place of its left neighbour.
-        rho[0] = x(1).log2();
-        let turn = plane(&|x, y| turn_from_angle(y.atan2(x)));
-        Self { rows, rho, turn }
+        // Octaves below Nyquist; the zero frequency takes the place of its left neighbour.
+        let rho = plane(&|k, l| match (k, l) {
+            (0, 0) => x(1).log2(),
+            _ => 0.5 * (x(k) * x(k) + y(l) * y(l)).log2(),
+        });
+        let turn = plane(&|k, l| turn_from_angle(y(l).atan2(x(k))));
+        let t = &*TABLES;
+        let radial = |mask: &(dyn Fn(f64) -> f64 + Sync)| plane(&|k, l| mask(rho[k * rows + l]));
+        Self {
+            size,
+            half,
+            ffts: [size, half].map(|(width, height)| RealFft2::new(width, height)),
+            rows,
+            high: radial(&|rho| t.high(rho, 0.0)),
+            outer_ring: radial(&|rho| t.low(rho, 0.0) * t.high(rho, 1.0)),
+            inner_ring: radial(&|rho| t.low(rho, 0.0) * t.low(rho, 1.0) * t.high(rho, 2.0)),
+            lobes: (0..ORIENTATIONS)
+                .map(|b| plane(&|k, l| t.angular(turn[k * rows + l], b)))
+                .collect(),
+        }
     }
 
-    fn rho(&self, k: usize, l: usize) -> f64 {
-        self.rho[k * self.rows + l]
+    /// Bytes that the masks take.
+    pub(crate) fn bytes(&self) -> usize {
+        (3 + ORIENTATIONS) * self.high.len() * size_of::<f64>()
     }
-}
 
-/// The half spectrum of the second scale but for its lobes: the middle of the first one, low-passed twice, high-passed.
-fn inner_ring(
-    spectrum: &[Complex64],
-    quarter: &Quarter,
-    (width, height): (usize, usize),
-    ring: &mut [Complex64],
-) {
-    let full_height = spectrum.len() / (quarter.rho.len() / quarter.rows);
-    ring.par_chunks_mut(height)
-        .enumerate()
-        .for_each(|(k, column)| {
+    /// Column `k` of a mask.
+    fn column<'a>(&self, mask: &'a [f64], k: usize) -> &'a [f64] {
+        &mask[k * self.rows..(k + 1) * self.rows]
+    }
+
+    /// The half spectrum of the second scale but for its lobes: the middle of the first one, masked.
+    fn inner_ring(&self, spectrum: &[Complex64], ring: &mut [Complex64]) {
+        let (width, height) = self.half;
+        let full_height = self.size.1;
+        let columns = ring.par_chunks_mut(height).enumerate();
+        columns.for_each(|(k, column)| {
+            let mask = self.column(&self.inner_ring, k);
+            let full = &spectrum[k * full_height..(k + 1) * full_height];
             for (l, value) in column.iter_mut().enumerate() {
                 let below = height - l;
-                if l == below || 2 * k == width {
-                    *value = ZERO;
-                    continue;
-                }
-                let row = if l < below { l } else { full_height - below };
-                let rho = quarter.rho(k, l.min(below));
-                let mask = TABLES.low(rho, 0.0) * TABLES.low(rho, 1.0) * TABLES.high(rho, 2.0);
-                *value = spectrum[k * full_height + row] * mask;
+                *value = if l == below || 2 * k == width {
+                    ZERO
+                } else if l < below {
+                    full[l] * mask[l]
+                } else {
+                    full[full_height - below] * mask[below]
+                };
             }
         });
-}
-
-/// Two lobes that mirror each other at the x axis (b and 6 - b, up to the sign), at the frequencies of a quarter.
-struct Lobes<'a> {
-    quarter: &'a Quarter,
-    indices: [usize; 2],
-    planes: [Vec<f64>; 2],
-}
-
-impl<'a> Lobes<'a> {
-    fn new(quarter: &'a Quarter) -> Self {
-        Self {
-            quarter,
-            indices: [0; 2],
-            planes: [Vec::new(), Vec::new()],
-        }
     }
 
-    fn set(&mut self, b: usize, mirrored: usize) {
-        self.indices = [b, mirrored];
-        let count = if b == mirrored { 1 } else { 2 };
-        for (plane, b) in self.planes.iter_mut().zip(self.indices).take(count) {
-            plane.resize(self.quarter.turn.len(), 0.0);
-            plane
-                .par_iter_mut()
-                .zip(&self.quarter.turn)
-                .with_min_len(4096)
-                .for_each(|(lobe, &turn)| *lobe = TABLES.angular(turn, b));
-        }
-    }
-
-    /// Lobe `b` on column `k`, above the x axis and below, the latter with its sign.
-    fn columns(&self, b: usize, k: usize) -> (&[f64], &[f64], f64) {
-        let rows = self.quarter.rows;
-        let column = |i: usize| &self.planes[i][k * rows..(k + 1) * rows];
-        let own = usize::from(b != self.indices[0]);
-        let other = if self.indices[0] == self.indices[1] {
-            own
-        } else {
-            1 - own
-        };
-        // cos⁵ is even, and odd under half a turn.
+    /// Band `b` from the half spectrum of a ring.
+    fn oriented(
+        &self,
+        fft: &RealFft2,
+        ring: &[Complex64],
+        b: usize,
+        work: &mut Vec<Complex64>,
+        band: &mut Plane<f64>,
+    ) {
+        let height = band.height();
+        // Below the x axis lobe b is lobe 6 - b above it, since cos⁵ is even, and odd under half a turn.
+        let mirrored = (ORIENTATIONS - b) % ORIENTATIONS;
         let sign = if b == 0 { 1.0 } else { -1.0 };
-        (column(own), column(other), sign)
+        let lobe = |k: usize, out: &mut [Complex64]| {
+            let above = self.column(&self.lobes[b], k);
+            let below = self.column(&self.lobes[mirrored], k);
+            let column = &ring[k * height..(k + 1) * height];
+            lobe_column(column, (above, below, sign), out);
+            if k == 0 {
+                out[0] = ZERO;
+            }
+        };
+        fft.inverse_with(lobe, work, band.samples_mut());
     }
 }
 
-/// Band `b` from the half spectrum of a ring.
-fn oriented(
-    fft: &RealFft2,
-    ring: &[Complex64],
-    lobes: &Lobes,
-    b: usize,
-    work: &mut Vec<Complex64>,
-    band: &mut Plane<f64>,
-) {
-    let height = band.height();
-    let lobe = |k: usize, out: &mut [Complex64]| {
-        let column = &ring[k * height..(k + 1) * height];
-        lobe_column(column, lobes.columns(b, k), out);
-        if k == 0 {
-            out[0] = ZERO;
-        }
-    };
-    fft.inverse_with(lobe, work, band.samples_mut());
+/// One column of a spectrum times a mask that is the same above and below the x axis.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl", "x86_64+avx2"))]
+fn times_mask(mask: &[f64], column: &mut [Complex64]) {
+    let (upper, lower) = column.split_at_mut(mask.len());
+    for (value, mask) in upper.iter_mut().zip(mask) {
+        *value *= *mask;
+    }
+    for (value, mask) in lower.iter_mut().rev().zip(&mask[1..]) {
+        *value *= *mask;
+    }
 }
 
 /// One column of a ring times -i and a lobe.

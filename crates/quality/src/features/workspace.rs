@@ -1,19 +1,22 @@
 //! Memory that serves one picture after the other: a plane of a megapixel is two thousand pages, and asking the system for
-//! them anew costs as much as a Fourier transform of it.
+//! them anew costs a good part of a Fourier transform of it.
 
 use std::sync::{Mutex, PoisonError};
 
 use vergence_imaging::Plane;
 use vergence_imaging::fft64::Complex64;
 
+use super::pyramid::Masks;
+
 /// Memory of workspaces that is kept between pictures; what is larger goes back to the system.
 const KEPT_BYTES: usize = 256 << 20;
 
 static KEPT: Mutex<Vec<Workspace>> = Mutex::new(Vec::new());
 
-/// Buffers for the planes and spectra of one picture.
+/// Buffers for the planes and spectra of one picture, and what the last one's size asked for.
 #[derive(Debug, Default)]
 pub(crate) struct Workspace {
+    pub(crate) masks: Option<Masks>,
     planes: Shelf<f64>,
     spectra: Shelf<Complex64>,
 }
@@ -37,7 +40,8 @@ impl Workspace {
     }
 
     fn bytes(&self) -> usize {
-        self.planes.bytes() + self.spectra.bytes()
+        let masks = self.masks.as_ref().map_or(0, Masks::bytes);
+        self.planes.bytes() + self.spectra.bytes() + masks
     }
 
     /// A plane with samples that nobody has set.
