@@ -1,6 +1,7 @@
 //! `cargo xtask`: the gate (`ci`), the benchmarks against named peers (`bench-vs`), the loop on many seeds (`seeds`), and
 //! the default quality model (`train-quality`, `evaluate-quality`).
 
+mod bench_diivine;
 mod bench_numpy;
 mod gate;
 mod quality;
@@ -14,6 +15,7 @@ const USAGE: &str = "usage:
   cargo xtask ci --without-tests   the same where `cargo test --workspace` ran just before
   cargo xtask tidy                 crate directions, sizes of files, banned calls, dead links
   cargo xtask bench-vs numpy       bulk parallax beside NumPy, as a ratio
+  cargo xtask bench-vs diivine     quality features beside one Fourier transform, and NumPy with SciPy
   cargo xtask seeds 1 20 [PATH]... the closed loop on seeds 1 to 20, each path beside its goal
   cargo xtask train-quality        the default quality model from its seed, about 20 minutes on two cores
   cargo xtask evaluate-quality     that model beside the LIVE model, on the folder of reference data";
@@ -26,6 +28,7 @@ fn main() -> ExitCode {
         ["ci", "--without-tests"] => gate::run(gate::Tests::RanBefore),
         ["tidy"] => tidy::check(),
         ["bench-vs", "numpy"] => bench_numpy::run(),
+        ["bench-vs", "diivine"] => bench_diivine::run(),
         ["train-quality", words @ ..] => quality::train(words),
         ["evaluate-quality", words @ ..] => quality::evaluate(words),
         ["seeds", from, to, paths @ ..] => seeds::run(from, to, paths),

@@ -74,7 +74,7 @@ fn normalised_scale(
         let rows = top..end.min(top + ROWS);
         let mut fine = true;
         scale.divide(rows, &divisors, &mut Default::default(), |_, _, row| {
-            fine &= sum(row).is_finite()
+            fine &= sum(row).is_finite();
         });
         fine
     });
