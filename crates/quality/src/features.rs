@@ -51,7 +51,7 @@ pub const LAGS: [usize; 7] = [1, 5, 9, 13, 17, 21, 25];
 /// The features of a grey picture (values 0 to 255), on the threads of the current rayon pool; the same bytes on any
 /// number of them.
 ///
-/// Takes about 20 numbers of 8 bytes per pixel. Up to 256 MiB of it are kept for the next picture.
+/// Takes about 20 numbers of 8 bytes per pixel. Up to 512 MiB of it are kept for the next picture.
 ///
 /// Errors: a picture smaller than [`MIN_SIDE`] on a side or [`MIN_LONGER_SIDE`] on both; one that is constant, or so nearly
 /// that a band has nothing to be normalised by.

@@ -34,12 +34,17 @@ const PAIR: usize = 2;
 /// The same where there is one moment only.
 const FOUR: usize = 4;
 
-type Window = [f64; SIDE];
+/// Weights of a row, with as many zeros on both sides as rows of windows can be apart.
+type Window = [f64; SIDE + 2 * (FOUR - 1)];
 
 static WINDOW: LazyLock<Window> = LazyLock::new(|| {
-    let weights: Window = std::array::from_fn(|i| (-0.5 * ((i as f64 - 5.0) / 1.5).powi(2)).exp());
-    let sum: f64 = weights.iter().sum();
-    weights.map(|w| w / sum)
+    let weight = |i: usize| (-0.5 * ((i as f64 - 5.0) / 1.5).powi(2)).exp();
+    let sum: f64 = (0..SIDE).map(weight).sum();
+    let mut window = [0.0; SIDE + 2 * (FOUR - 1)];
+    for i in 0..SIDE {
+        window[FOUR - 1 + i] = weight(i) / sum;
+    }
+    window
 });
 
 /// Rows of a map with what is known of their windows.
@@ -149,9 +154,10 @@ fn store<S: Simd>(wide: &Wide<S>, row: &mut [f64], x: usize) {
 fn along<S: Simd>(simd: S, window: &Window, row: &[f64], x: usize) -> Wide<S> {
     let row = &row[x..x + WIDE * S::F64_LANES + SIDE - 1];
     let mut mean = [simd.splat_f64s(0.0); WIDE];
-    for k in 0..SIDE {
-        let samples = load::<S>(row, k);
-        let weight = simd.splat_f64s(window[k]);
+    let weights = &window[FOUR - 1..FOUR - 1 + SIDE];
+    for (row, weight) in row.windows(WIDE * S::F64_LANES).zip(weights) {
+        let samples = load::<S>(row, 0);
+        let weight = simd.splat_f64s(*weight);
         for w in 0..WIDE {
             mean[w] = simd.mul_add_e_f64s(weight, samples[w], mean[w]);
         }
@@ -164,9 +170,7 @@ fn along<S: Simd>(simd: S, window: &Window, row: &[f64], x: usize) -> Wide<S> {
 fn weights<S: Simd, const R: usize>(simd: S, window: &Window, k: usize) -> [S::f64s; R] {
     let mut weights = [simd.splat_f64s(0.0); R];
     for r in 0..R {
-        if k >= r && k - r < SIDE {
-            weights[r] = simd.splat_f64s(window[k - r]);
-        }
+        weights[r] = simd.splat_f64s(window[k + FOUR - 1 - r]);
     }
     weights
 }
