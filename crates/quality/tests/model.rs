@@ -319,6 +319,16 @@ fn a_score_is_the_weighted_mean() {
     );
 }
 
+/// Line breaks are put between the values of the file, never into a text that looks like them.
+#[test]
+fn texts_with_the_marks_of_json_come_back() {
+    let mut model = model(1.0);
+    model.name = "a,\"b\" [[1],[2]] \\".into();
+    model.licence = "\\\",\"[[".into();
+    let text = model.to_json().unwrap();
+    assert_eq!(Model::from_json(text.as_bytes()).unwrap(), model);
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
 

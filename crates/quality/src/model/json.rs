@@ -232,10 +232,28 @@ fn null_for_nan(bytes: &[u8]) -> Vec<u8> {
 
 /// A line for every support vector and field, so that two models can be compared with the usual tools.
 fn broken_into_lines(text: &str) -> String {
-    text.replace("],[", "],\n[")
-        .replace("[[", "[\n[")
-        .replace(",\"", ",\n\"")
-        + "\n"
+    let mut out = String::with_capacity(text.len() + text.len() / 64);
+    let (mut in_string, mut escaped) = (false, false);
+    let mut chars = text.chars().peekable();
+    while let Some(c) = chars.next() {
+        out.push(c);
+        if in_string {
+            in_string = escaped || c != '"';
+            escaped = !escaped && c == '\\';
+            continue;
+        }
+        in_string = c == '"';
+        let breaks = match c {
+            '[' => chars.peek() == Some(&'['),
+            ',' => matches!(chars.peek(), Some('[' | '"')),
+            _ => false,
+        };
+        if breaks {
+            out.push('\n');
+        }
+    }
+    out.push('\n');
+    out
 }
 
 /// A number of the file. `null` is taken as NaN, which the check of the model refuses by the name of its field.
