@@ -339,7 +339,7 @@ fn what_is_no_pair_is_refused() {
 fn conditions_are_checked() {
     let [left, right] = Leaves::new(11).pair((160, 120));
     let good = conditions((160, 120));
-    let mut cases = vec![good.clone(); 4];
+    let mut cases = vec![good; 4];
     cases[0].viewing.screen_width_m = f64::NAN;
     cases[1].viewing.viewer.distance_m = 0.0;
     cases[2].crosstalk = 1.5;

@@ -78,8 +78,8 @@ impl Leaves {
                     if cover > 0.0 {
                         let grain = disc.grain(dx, dy);
                         let value = &mut values[y * w + x];
-                        for c in 0..3 {
-                            value[c] += cover * (disc.colour[c] + grain - value[c]);
+                        for (v, colour) in value.iter_mut().zip(disc.colour) {
+                            *v += cover * (colour + grain - *v);
                         }
                     }
                 }
