@@ -30,7 +30,7 @@ pub fn write(path: &Path, examples: &[Example]) -> Result<()> {
     Ok(())
 }
 
-/// What [`write`] wrote.
+/// What [`write()`] wrote.
 pub fn read(path: &Path) -> Result<Vec<Example>> {
     let file = BufReader::new(std::fs::File::open(path)?);
     let mut examples = Vec::new();

@@ -241,7 +241,7 @@ fn down_product<S: Simd, const R: usize>(
     }
 }
 
-/// E[a²] - E[a]².
+/// `E[a²] - E[a]²`.
 #[inline(always)]
 fn spread<S: Simd>(simd: S, mean: &Wide<S>, squares: &Wide<S>) -> Wide<S> {
     let mut spread = *squares;

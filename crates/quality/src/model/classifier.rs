@@ -90,7 +90,7 @@ impl Classifier {
         out
     }
 
-    /// r[i][j]: the probability of place i when it is i or j.
+    /// `r[i][j]`: the probability of place i when it is i or j.
     fn pair_probabilities(&self, pairwise: &[f64; PAIRS]) -> [[f64; CLASSES]; CLASSES] {
         let mut r = [[0.0; CLASSES]; CLASSES];
         for (n, (i, j)) in pairs().enumerate() {
