@@ -1,7 +1,7 @@
 //! Divisive normalisation: each coefficient over the size that its neighbours in place, scale and orientation lead one to
 //! expect (a Gaussian scale mixture with the covariance of the neighbourhood; Wainwright and Simoncelli 2000).
 
-use nalgebra::{DMatrix, SVD, SymmetricEigen};
+use nalgebra::{DMatrix, SymmetricEigen};
 use rayon::prelude::*;
 use vergence_imaging::Plane;
 
@@ -306,23 +306,16 @@ fn rebuilt(c: &DMatrix<f64>) -> Option<DMatrix<f64>> {
 }
 
 /// Singular values up to this count as zero, as in MATLAB's `pinv`.
-fn cut(dimension: usize, largest: f64) -> f64 {
+pub(super) fn cut(dimension: usize, largest: f64) -> f64 {
     dimension as f64 * (largest.next_up() - largest)
 }
 
-/// The pseudo-inverse of the rebuilt covariance, by singular values as released; none when there is nothing to invert.
-pub fn inverse_covariance(c: &DMatrix<f64>) -> Option<DMatrix<f64>> {
-    let svd = SVD::try_new(rebuilt(c)?, true, true, f64::EPSILON, MAX_ITERATIONS)?;
-    let cut = cut(c.nrows(), svd.singular_values.max());
-    let mut u = svd.u?;
-    for (mut column, &value) in u.column_iter_mut().zip(svd.singular_values.iter()) {
-        column *= if value > cut { 1.0 / value } else { 0.0 };
-    }
-    Some(svd.v_t?.transpose() * u.transpose())
-}
-
-/// Upper triangular R with RᵀR = [`inverse_covariance`]: half the work per sample of the whole form, and without the
-/// cancellation in it when the covariance is ill-conditioned.
+/// Upper triangular R with RᵀR the pseudo-inverse of the rebuilt covariance ([`super::plain::inverse_covariance`]): half the work
+/// per sample of the whole form, and without the cancellation in it when the covariance is ill-conditioned. None when
+/// there is nothing to invert.
+///
+/// Singular values are the eigenvalues of a symmetric matrix. (`nalgebra`'s singular value decomposition is not used: of
+/// 40,000 random matrices of this kind it got 245 wrong by more than rounding, its symmetric one none.)
 pub fn inverse_factor(c: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let eigen = SymmetricEigen::try_new(rebuilt(c)?, f64::EPSILON, MAX_ITERATIONS)?;
     let cut = cut(c.nrows(), eigen.eigenvalues.amax());
@@ -372,7 +365,7 @@ mod tests {
         let mut c = plain::covariance(&plain::neighbourhoods(&bands, 0));
         for _ in 0..2 {
             let r = inverse_factor(&c).unwrap();
-            let inverse = inverse_covariance(&c).unwrap();
+            let inverse = plain::inverse_covariance(&c).unwrap();
             assert!(
                 r.iter()
                     .enumerate()
@@ -388,7 +381,8 @@ mod tests {
             let copied = c.row(0).clone_owned();
             c.row_mut(1).copy_from(&copied);
         }
-        assert!(inverse_covariance(&DMatrix::zeros(15, 15)).is_none());
+        assert!(plain::inverse_covariance(&DMatrix::zeros(15, 15)).is_none());
+        assert!(inverse_factor(&DMatrix::zeros(15, 15)).is_none());
         assert!(inverse_factor(&DMatrix::from_element(15, 15, f64::NAN)).is_none());
     }
 }

@@ -6,7 +6,7 @@ use vergence_imaging::Plane;
 use vergence_imaging::fft64::{Complex64, ComplexFft2};
 
 use super::enlarge::{Enlargement, keys};
-use super::normalise::inverse_covariance;
+use super::normalise::cut;
 use super::shape::shape_from_ratio;
 use super::tables::{ORIENTATIONS, TABLES, turn_from_angle};
 use super::{FEATURE_COUNT, Features, LAGS, check};
@@ -241,6 +241,78 @@ pub fn covariance(vectors: &[Vec<f64>]) -> DMatrix<f64> {
     c / vectors.len() as f64
 }
 
+/// The pseudo-inverse of a covariance whose eigenvalues that are not positive were set to zero and the others raised to
+/// the same sum; none when nothing is left.
+pub fn inverse_covariance(c: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let (values, vectors) = eigen(c)?;
+    let positive: Vec<f64> = values.iter().map(|v| v.max(0.0)).collect();
+    let raise = values.iter().sum::<f64>() / positive.iter().sum::<f64>();
+    let raised: Vec<f64> = positive.iter().map(|v| v * raise).collect();
+    let (values, vectors) = eigen(&composed(&raised, &vectors))?;
+    let largest = values.iter().fold(0.0, |a: f64, v| a.max(v.abs()));
+    let cut = cut(c.nrows(), largest);
+    let inverted: Vec<f64> = values
+        .iter()
+        .map(|&v| if v.abs() > cut { 1.0 / v } else { 0.0 })
+        .collect();
+    (largest > 0.0).then(|| composed(&inverted, &vectors))
+}
+
+/// V diag(values) Vᵀ.
+fn composed(values: &[f64], vectors: &DMatrix<f64>) -> DMatrix<f64> {
+    let d = values.len();
+    DMatrix::from_fn(d, d, |i, j| {
+        (0..d)
+            .map(|k| vectors[(i, k)] * values[k] * vectors[(j, k)])
+            .sum()
+    })
+}
+
+/// Eigenvalues and eigenvectors (columns) of a symmetric matrix by Jacobi's rotations, each of which makes one entry off
+/// the diagonal zero (Golub and Van Loan, Matrix Computations, 8.5); none when an entry is not finite.
+fn eigen(c: &DMatrix<f64>) -> Option<(Vec<f64>, DMatrix<f64>)> {
+    const SWEEPS: usize = 60;
+    let d = c.nrows();
+    let (mut a, mut vectors) = (c.clone(), DMatrix::identity(d, d));
+    for _ in 0..SWEEPS {
+        let mut turned = false;
+        for p in 0..d {
+            for q in p + 1..d {
+                let product = a[(p, p)].abs() * a[(q, q)].abs();
+                if a[(p, q)].abs() <= 1e-3 * f64::EPSILON * product.sqrt() {
+                    continue;
+                }
+                turned = true;
+                let ratio = (a[(q, q)] - a[(p, p)]) / (2.0 * a[(p, q)]);
+                let tangent = ratio.signum() / (ratio.abs() + ratio.hypot(1.0));
+                let cosine = 1.0 / tangent.hypot(1.0);
+                let sine = tangent * cosine;
+                for k in 0..d {
+                    let (x, y) = (a[(k, p)], a[(k, q)]);
+                    a[(k, p)] = cosine * x - sine * y;
+                    a[(k, q)] = sine * x + cosine * y;
+                }
+                for k in 0..d {
+                    let (x, y) = (a[(p, k)], a[(q, k)]);
+                    a[(p, k)] = cosine * x - sine * y;
+                    a[(q, k)] = sine * x + cosine * y;
+                    let (x, y) = (vectors[(k, p)], vectors[(k, q)]);
+                    vectors[(k, p)] = cosine * x - sine * y;
+                    vectors[(k, q)] = sine * x + cosine * y;
+                }
+            }
+        }
+        if !turned {
+            break;
+        }
+    }
+    let values: Vec<f64> = (0..d).map(|i| a[(i, i)]).collect();
+    values
+        .iter()
+        .all(|v| v.is_finite())
+        .then_some((values, vectors))
+}
+
 /// Divisively normalised band `b` (0 to 11) without its guard band, mean removed.
 pub fn normalised(bands: &[Plane<f64>], b: usize) -> Result<Plane<f64>, QualityError> {
     let (width, height) = bands[b].size();
@@ -282,8 +354,9 @@ pub fn shape(samples: &[f64], centre: f64) -> f64 {
 /// The contrast-structure factor of SSIM (Wang et al. 2004), mean over all windows inside.
 pub fn contrast_structure(a: &Plane<f64>, b: &Plane<f64>) -> f64 {
     const C2: f64 = (0.03 * 255.0) * (0.03 * 255.0);
-    let weight = |i: usize| (-0.5 * ((i as f64 - 5.0) / 1.5).powi(2)).exp();
-    let total: f64 = (0..11).map(weight).sum::<f64>().powi(2);
+    let weights: [f64; 11] =
+        std::array::from_fn(|i| (-0.5 * ((i as f64 - 5.0) / 1.5).powi(2)).exp());
+    let total = weights.iter().sum::<f64>().powi(2);
     let (width, height) = (a.width() - 10, a.height() - 10);
     let mut sum = 0.0;
     for y in 0..height {
@@ -291,7 +364,7 @@ pub fn contrast_structure(a: &Plane<f64>, b: &Plane<f64>) -> f64 {
             let (mut ea, mut eb, mut eaa, mut ebb, mut eab) = (0.0, 0.0, 0.0, 0.0, 0.0);
             for dy in 0..11 {
                 for dx in 0..11 {
-                    let w = weight(dx) * weight(dy) / total;
+                    let w = weights[dx] * weights[dy] / total;
                     let (a, b) = (a.at(x + dx, y + dy), b.at(x + dx, y + dy));
                     ea += w * a;
                     eb += w * b;
