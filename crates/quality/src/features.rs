@@ -14,6 +14,7 @@
 //! The pieces are public so that they can be measured and looked at one by one; [`plain`] is the slow reference.
 
 pub mod correlation;
+mod covariance;
 pub mod enlarge;
 mod kernels;
 pub mod normalise;
@@ -26,6 +27,7 @@ mod windows;
 mod workspace;
 
 use pyramid::Pyramid;
+use rayon::prelude::*;
 use shape::Sums;
 use tables::ORIENTATIONS;
 use vergence_imaging::{Gray, Plane, Rgb};
@@ -51,7 +53,7 @@ pub const LAGS: [usize; 7] = [1, 5, 9, 13, 17, 21, 25];
 /// The features of a grey picture (values 0 to 255), on the threads of the current rayon pool; the same bytes on any
 /// number of them.
 ///
-/// Takes about 20 numbers of 8 bytes per pixel. Up to 512 MiB of it are kept for the next picture.
+/// Takes about 21 numbers of 8 bytes per pixel. Up to 2 GiB of it are kept for the next picture.
 ///
 /// Errors: a picture smaller than [`MIN_SIDE`] on a side or [`MIN_LONGER_SIDE`] on both; one that is constant, or so nearly
 /// that a band has nothing to be normalised by.
@@ -64,9 +66,13 @@ pub fn features_from_gray(picture: &Gray) -> Result<Features, QualityError> {
     }
     let mut memory = Workspace::kept();
     let mut plane = memory.plane(picture.width(), picture.height());
-    for (sample, &value) in plane.samples_mut().iter_mut().zip(picture.samples()) {
-        *sample = f64::from(value);
-    }
+    let rows = picture.samples().par_chunks(picture.width());
+    let out = plane.samples_mut().par_chunks_mut(picture.width());
+    out.zip(rows).for_each(|(out, row)| {
+        for (sample, &value) in out.iter_mut().zip(row) {
+            *sample = f64::from(value);
+        }
+    });
     let features = features_in_memory(&plane, &mut memory);
     memory.take_back([plane]);
     memory.keep();

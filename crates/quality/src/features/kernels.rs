@@ -12,14 +12,8 @@ pub(crate) const ENTRIES: usize = 15;
 /// The place of the sample itself in its vector.
 pub(crate) const CENTRE: usize = 4;
 
-/// Entries per block of the covariance: 25 sums fit the registers.
+/// Rows of R done at once.
 const BLOCK: usize = 5;
-
-/// Blocks on and above the diagonal.
-const BLOCK_PAIRS: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
-
-/// Samples of one row after which the next block is taken, so that they stay in the first cache.
-const TILE: usize = 256;
 
 /// Vectors of samples divided at once.
 const WIDE: usize = 4;
@@ -29,115 +23,6 @@ pub(crate) type RowVectors<'a> = [&'a [f64]; ENTRIES];
 
 /// A matrix over the entries.
 pub(crate) type Matrix = [[f64; ENTRIES]; ENTRIES];
-
-/// Sum of y yᵀ over the samples of some rows; entries i <= j are valid.
-pub(crate) fn products(rows: &[RowVectors]) -> Matrix {
-    Arch::new().dispatch(SumOfProducts { rows })
-}
-
-struct SumOfProducts<'a, 'b> {
-    rows: &'a [RowVectors<'b>],
-}
-
-/// Sums of one block, in the lanes.
-type Block<S> = [[<S as Simd>::f64s; BLOCK]; BLOCK];
-
-impl WithSimd for SumOfProducts<'_, '_> {
-    type Output = Matrix;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Matrix {
-        let zero = simd.splat_f64s(0.0);
-        let mut blocks: [Block<S>; 6] = [[[zero; BLOCK]; BLOCK]; 6];
-        for row in self.rows {
-            let n = row[0].len();
-            let mut from = 0;
-            while from < n {
-                let to = n.min(from + TILE);
-                for p in 0..BLOCK_PAIRS.len() {
-                    let (i, j) = BLOCK_PAIRS[p];
-                    let a = split::<S>(row, i * BLOCK, from, to);
-                    let b = split::<S>(row, j * BLOCK, from, to);
-                    if i == j {
-                        block_products::<S, true>(simd, a, b, &mut blocks[p]);
-                    } else {
-                        block_products::<S, false>(simd, a, b, &mut blocks[p]);
-                    }
-                }
-                from = to;
-            }
-        }
-        let mut sums = [[0.0; ENTRIES]; ENTRIES];
-        for p in 0..BLOCK_PAIRS.len() {
-            let (i, j) = BLOCK_PAIRS[p];
-            for k in 0..BLOCK {
-                for l in 0..BLOCK {
-                    sums[i * BLOCK + k][j * BLOCK + l] = simd.reduce_sum_f64s(blocks[p][k][l]);
-                }
-            }
-        }
-        sums
-    }
-}
-
-/// Whole vectors and what is left.
-type Split<'a, S> = (&'a [<S as Simd>::f64s], &'a [f64]);
-
-#[inline(always)]
-fn split<'a, S: Simd>(
-    row: &RowVectors<'a>,
-    entry: usize,
-    from: usize,
-    to: usize,
-) -> [Split<'a, S>; BLOCK] {
-    let empty: Split<S> = (&[], &[]);
-    let mut parts = [empty; BLOCK];
-    for k in 0..BLOCK {
-        parts[k] = S::as_simd_f64s(&row[entry + k][from..to]);
-    }
-    parts
-}
-
-/// Adds the products of two blocks; of one with itself (`DIAGONAL`) those on and above the diagonal.
-#[inline(always)]
-fn block_products<S: Simd, const DIAGONAL: bool>(
-    simd: S,
-    [a0, a1, a2, a3, a4]: [Split<S>; BLOCK],
-    [b0, b1, b2, b3, b4]: [Split<S>; BLOCK],
-    sums: &mut Block<S>,
-) {
-    let mut local = *sums;
-    let a = a0.0.iter().zip(a1.0).zip(a2.0).zip(a3.0).zip(a4.0);
-    let b = b0.0.iter().zip(b1.0).zip(b2.0).zip(b3.0).zip(b4.0);
-    for (((((x0, x1), x2), x3), x4), ((((y0, y1), y2), y3), y4)) in a.zip(b) {
-        let (x, y) = ([*x0, *x1, *x2, *x3, *x4], [*y0, *y1, *y2, *y3, *y4]);
-        for i in 0..BLOCK {
-            for j in if DIAGONAL { i } else { 0 }..BLOCK {
-                local[i][j] = simd.mul_add_e_f64s(x[i], y[j], local[i][j]);
-            }
-        }
-    }
-    if !a0.1.is_empty() {
-        let x = last(simd, [a0.1, a1.1, a2.1, a3.1, a4.1]);
-        let y = last(simd, [b0.1, b1.1, b2.1, b3.1, b4.1]);
-        for i in 0..BLOCK {
-            for j in if DIAGONAL { i } else { 0 }..BLOCK {
-                local[i][j] = simd.mul_add_e_f64s(x[i], y[j], local[i][j]);
-            }
-        }
-    }
-    *sums = local;
-}
-
-/// The samples that do not fill a vector, and zeros.
-#[inline(always)]
-fn last<S: Simd>(simd: S, parts: [&[f64]; BLOCK]) -> [S::f64s; BLOCK] {
-    let mut vectors = [simd.splat_f64s(0.0); BLOCK];
-    for k in 0..BLOCK {
-        vectors[k] = simd.partial_load_f64s(parts[k]);
-    }
-    vectors
-}
 
 /// What turns the samples of a row into normalised ones.
 pub(crate) struct Divisor {
@@ -315,5 +200,27 @@ impl WithSimd for Sum<'_> {
         }
         tail.iter()
             .fold(simd.reduce_sum_f64s(sum), |sum, v| sum + v)
+    }
+}
+
+/// Sum of the products of two rows of one length.
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    Arch::new().dispatch(Dot(a, b))
+}
+
+struct Dot<'a>(&'a [f64], &'a [f64]);
+
+impl WithSimd for Dot<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> f64 {
+        let (a, a_tail) = S::as_simd_f64s(self.0);
+        let (b, b_tail) = S::as_simd_f64s(self.1);
+        let mut sum = simd.splat_f64s(0.0);
+        for (a, b) in a.iter().zip(b) {
+            sum = simd.mul_add_e_f64s(*a, *b, sum);
+        }
+        (a_tail.iter().zip(b_tail)).fold(simd.reduce_sum_f64s(sum), |sum, (a, b)| sum + a * b)
     }
 }

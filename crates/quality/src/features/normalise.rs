@@ -5,22 +5,23 @@ use nalgebra::{DMatrix, SymmetricEigen};
 use rayon::prelude::*;
 use vergence_imaging::Plane;
 
+use super::covariance::{NEAR, Products, products};
 use super::enlarge::{EnlargedRows, Enlargement};
-use super::kernels::{CENTRE, Divisor, ENTRIES, Matrix, RowVectors, centre, divide, products, sum};
+use super::kernels::{Divisor, ENTRIES, RowVectors, centre, divide, sum};
 use super::shape::Sums;
 use super::tables::ORIENTATIONS;
 use super::workspace::Workspace;
 use crate::error::QualityError;
 
 /// Bands with a parent: one less than there are orientations, by the release's index arithmetic.
-const WITH_PARENT: usize = 5;
+pub(super) const WITH_PARENT: usize = 5;
 
 /// Samples left out on each side of a normalised band of the first and of the second scale.
 const GUARDS: [usize; 2] = [16, 8];
 
 /// Rows done together: those of all six bands fit a near cache. Sums are over these, then over all, so that threads
 /// change nothing.
-const ROWS: usize = 8;
+pub(super) const ROWS: usize = 8;
 
 /// A divisively normalised band.
 #[derive(Clone, Debug)]
@@ -143,15 +144,15 @@ fn centred(mut map: Plane<f64>, total: f64) -> Result<Normalised, QualityError> 
 }
 
 /// The planes from which the vectors of one scale are taken.
-struct Scale<'a> {
-    bands: &'a [Plane<f64>],
+pub(super) struct Scale<'a> {
+    pub(super) bands: &'a [Plane<f64>],
     /// Of the first five bands, made when they are wanted: exactly twice as large, cut to the bands' size.
     parents: Vec<EnlargedRows<'a>>,
     zeros: Vec<f64>,
 }
 
 impl<'a> Scale<'a> {
-    fn new(bands: &'a [Plane<f64>], children: &'a [Plane<f64>]) -> Self {
+    pub(super) fn new(bands: &'a [Plane<f64>], children: &'a [Plane<f64>]) -> Self {
         let (width, height) = bands[0].size();
         let twice = |length| Enlargement { length, ratio: 2.0 };
         let parents = children.iter().take(WITH_PARENT);
@@ -165,13 +166,13 @@ impl<'a> Scale<'a> {
     }
 
     /// Of the interior, one sample less on each side than the bands.
-    fn size(&self) -> (usize, usize) {
+    pub(super) fn size(&self) -> (usize, usize) {
         let (width, height) = self.bands[0].size();
         (width - 2, height - 2)
     }
 
     /// Rows of the parents beside interior rows `rows`, one parent after the other.
-    fn parent_rows(&self, rows: &std::ops::Range<usize>, samples: &mut Vec<f64>) {
+    pub(super) fn parent_rows(&self, rows: &std::ops::Range<usize>, samples: &mut Vec<f64>) {
         let size = rows.len() * self.bands[0].width();
         samples.resize(self.parents.len() * size, 0.0);
         for (parent, out) in self.parents.iter().zip(samples.chunks_exact_mut(size)) {
@@ -180,20 +181,30 @@ impl<'a> Scale<'a> {
     }
 
     /// Vectors of interior row `row` of band `b`. The order of entries changes nothing but rounding.
-    fn row<'s>(&'s self, b: usize, row: usize, parent: Option<&'s [f64]>) -> RowVectors<'s> {
+    pub(super) fn row<'s>(
+        &'s self,
+        b: usize,
+        row: usize,
+        parent: Option<&'s [f64]>,
+    ) -> RowVectors<'s> {
         let (width, _) = self.size();
         let from = |band: &'s Plane<f64>, dx: usize, dy: usize| -> &'s [f64] {
             &band.row(row + dy)[dx..dx + width]
         };
         std::array::from_fn(|entry| match entry {
-            0..9 => from(&self.bands[b], entry % 3, entry / 3),
-            9..14 => from(&self.bands[(b + entry - 8) % ORIENTATIONS], 1, 1),
+            0..NEAR => from(&self.bands[b], entry % 3, entry / 3),
+            NEAR..14 => from(&self.bands[Self::other(b, entry)], 1, 1),
             _ => &parent.unwrap_or(&self.zeros)[1..=width],
         })
     }
 
+    /// The band that stands at entry 9 to 13 of the vectors of band `b`.
+    pub(super) fn other(b: usize, entry: usize) -> usize {
+        (b + entry + 1 - NEAR) % ORIENTATIONS
+    }
+
     /// Row `i` of a block of parents' rows beside band `b`.
-    fn parent_row<'s>(
+    pub(super) fn parent_row<'s>(
         &self,
         parents: &'s [f64],
         b: usize,
@@ -206,38 +217,13 @@ impl<'a> Scale<'a> {
 
     /// From the covariances of all interior samples; none where one has no inverse to speak of.
     fn divisors(&self) -> Option<Vec<Divisor>> {
-        let (_, height) = self.size();
-        let starts: Vec<usize> = (0..height).step_by(ROWS).collect();
-        let blocks: Vec<Vec<(Matrix, f64)>> = starts
-            .par_iter()
-            .map_init(Vec::new, |parents, &from| {
-                let rows = from..height.min(from + ROWS);
-                self.parent_rows(&rows, parents);
-                let of_band = |b: usize| {
-                    let vectors: Vec<RowVectors> = rows
-                        .clone()
-                        .enumerate()
-                        .map(|(i, row)| {
-                            self.row(b, row, self.parent_row(parents, b, i, rows.len()))
-                        })
-                        .collect();
-                    let total = vectors.iter().map(|row| sum(row[CENTRE])).sum();
-                    (products(&vectors), total)
-                };
-                (0..ORIENTATIONS).map(of_band).collect()
-            })
-            .collect();
-        (0..ORIENTATIONS)
-            .map(|b| self.divisor(b, blocks.iter().map(|block| &block[b])))
-            .collect()
+        let products = products(self);
+        let bands = products.iter().enumerate();
+        bands.map(|(b, sums)| self.divisor(b, sums)).collect()
     }
 
-    /// Of one band, from the sums over all blocks.
-    fn divisor<'s>(
-        &self,
-        b: usize,
-        blocks: impl Iterator<Item = &'s (Matrix, f64)> + Clone,
-    ) -> Option<Divisor> {
+    /// Of one band, from its sums.
+    fn divisor(&self, b: usize, sums: &Products) -> Option<Divisor> {
         let (width, height) = self.size();
         let count = (width * height) as f64;
         let entries = if b < self.parents.len() {
@@ -246,7 +232,7 @@ impl<'a> Scale<'a> {
             ENTRIES - 1
         };
         let c = DMatrix::from_fn(entries, entries, |i, j| {
-            blocks.clone().map(|m| m.0[i.min(j)][i.max(j)]).sum::<f64>() / count
+            sums.matrix[i.min(j)][i.max(j)] / count
         });
         let upper = inverse_factor(&c)?;
         let mut factor = [[0.0; ENTRIES]; ENTRIES];
@@ -259,7 +245,7 @@ impl<'a> Scale<'a> {
         Some(Divisor {
             factor,
             scale: 1.0 / (entries - 5) as f64,
-            mean: blocks.map(|m| m.1).sum::<f64>() / count,
+            mean: sums.total / count,
         })
     }
 
@@ -327,12 +313,12 @@ pub fn inverse_factor(c: &DMatrix<f64>) -> Option<DMatrix<f64>> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::features::plain;
     use crate::features::pyramid::Pyramid;
 
-    fn bands(w: usize, h: usize) -> Vec<Plane<f64>> {
+    pub(in crate::features) fn bands(w: usize, h: usize) -> Vec<Plane<f64>> {
         let picture = Plane::from_fn(w, h, |x, y| ((x * x * 7 + y * 13 * x + y) % 251) as f64);
         Pyramid::new(&picture).bands
     }

@@ -61,13 +61,16 @@ pub fn shape_from_ratio(ratio: f64) -> f64 {
     if ratio.is_nan() {
         return f64::NAN;
     }
-    let nearest = RATIOS
-        .iter()
-        .enumerate()
-        .min_by(|a, b| (ratio - a.1).abs().total_cmp(&(ratio - b.1).abs()));
-    nearest.map_or(f64::NAN, |(i, _)| {
-        f64::from(GRID.start() + i as u32) / 1000.0
-    })
+    // The last one that is not below, and the first one below.
+    let below = RATIOS.partition_point(|r| *r >= ratio);
+    let before = below.saturating_sub(1);
+    let after = below.min(RATIOS.len() - 1);
+    let nearest = if ratio - RATIOS[after] < RATIOS[before] - ratio {
+        after
+    } else {
+        before
+    };
+    f64::from(GRID.start() + nearest as u32) / 1000.0
 }
 
 #[cfg(test)]
@@ -84,5 +87,24 @@ mod tests {
         assert_eq!(shape_from_ratio(1.0), 10.0);
         assert!(shape_from_ratio(f64::NAN).is_nan());
         assert!(RATIOS.windows(2).all(|w| w[0] > w[1]));
+    }
+
+    /// The search finds what a look at every entry finds: at entries, half way between two, beside that, and beyond both ends.
+    #[test]
+    fn the_nearest_is_the_nearest_of_all() {
+        let plain = |ratio: f64| {
+            let all = RATIOS.iter().enumerate();
+            let nearest = all.min_by(|a, b| (ratio - a.1).abs().total_cmp(&(ratio - b.1).abs()));
+            f64::from(GRID.start() + nearest.unwrap().0 as u32) / 1000.0
+        };
+        for i in (0..RATIOS.len() - 1).step_by(97) {
+            let middle = 0.5 * (RATIOS[i] + RATIOS[i + 1]);
+            for ratio in [RATIOS[i], middle, middle.next_up(), middle.next_down()] {
+                assert_eq!(shape_from_ratio(ratio), plain(ratio), "{ratio}");
+            }
+        }
+        for ratio in [f64::INFINITY, 1e9, RATIOS[0] + 1.0, 1.0, 0.0, -3.0] {
+            assert_eq!(shape_from_ratio(ratio), plain(ratio), "{ratio}");
+        }
     }
 }

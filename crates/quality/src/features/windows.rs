@@ -1,432 +1,459 @@
 //! Inner loops of [`super::structure`]: moments under a sliding Gaussian window, in the widest vectors that the machine has.
+//!
+//! As many rows of windows as a vector has lanes are done together, a tile at a time. The samples of a tile are copied
+//! first: rows of a picture can be a power of two apart, and then all fall into the same few places of a cache. Down the
+//! columns neighbouring columns are the lanes; the means are then turned, so that along the rows the lanes are rows and
+//! the next column is the next vector. Nothing is loaded across cache lines, and a vector serves several windows. The
+//! weights are the same on both sides of the middle: samples are added in pairs first.
 
 // Loops over a few registers read best with indices.
 #![allow(clippy::needless_range_loop)]
 
 use std::sync::LazyLock;
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::bytemuck::cast_slice_mut;
+use pulp::{Arch, Simd, WithSimd, cast_lossy};
 
 use super::structure::{MAPS, PAIRS};
 
 /// Side of the window.
 pub(crate) const SIDE: usize = 11;
 
+/// Weights from the middle of the window to its edge.
+const HALF: usize = SIDE / 2 + 1;
+
 /// (0.03 · 255)².
 const C2: f64 = 58.5225;
 
-/// Vectors done at once.
-const WIDE: usize = 4;
-
-/// Lanes of the widest vectors there are.
+/// Lanes of the widest vectors there are: most rows of windows done together.
 const MOST_LANES: usize = 8;
 
-/// Narrowest map that has as many windows in a row as are done at once.
-pub(crate) const MIN_WIDTH: usize = WIDE * MOST_LANES + SIDE - 1;
+/// Sample rows under as many rows of windows.
+const MOST_ROWS: usize = MOST_LANES + SIDE - 1;
 
-/// Windows of a row that are done together, so that their moments stay in a near cache; with the samples beyond them
-/// they fill whole vectors.
-const TILE: usize = 256 - (SIDE - 1);
+/// Samples of a row of a tile: whole vectors. Those of two maps and their means stay in a near cache.
+const COLUMNS: usize = 96;
 
-/// Rows of windows whose columns are done at once: samples are then loaded for both.
-const PAIR: usize = 2;
+/// Windows in a row of a tile.
+const TILE: usize = COLUMNS - (SIDE - 1);
 
-/// The same where there is one moment only.
+/// Windows of a row done at once.
 const FOUR: usize = 4;
 
-/// Weights of a row, with as many zeros on both sides as rows of windows can be apart.
-type Window = [f64; SIDE + 2 * (FOUR - 1)];
-
-static WINDOW: LazyLock<Window> = LazyLock::new(|| {
-    let weight = |i: usize| (-0.5 * ((i as f64 - 5.0) / 1.5).powi(2)).exp();
-    let sum: f64 = (0..SIDE).map(weight).sum();
-    let mut window = [0.0; SIDE + 2 * (FOUR - 1)];
-    for i in 0..SIDE {
-        window[FOUR - 1 + i] = weight(i) / sum;
-    }
-    window
+static WINDOW: LazyLock<[f64; HALF]> = LazyLock::new(|| {
+    let weights: [f64; HALF] = std::array::from_fn(|i| (-0.5 * (i as f64 / 1.5).powi(2)).exp());
+    let sum = weights[0] + 2.0 * weights[1..].iter().sum::<f64>();
+    weights.map(|weight| weight / sum)
 });
 
-/// Rows of a map with what is known of their windows.
-pub(crate) struct Known<'a> {
-    /// Ten more than rows of windows.
-    pub(crate) samples: &'a [&'a [f64]],
-    /// Local means, row after row.
-    pub(crate) mean: &'a [f64],
-    /// Local variances, row after row.
-    pub(crate) variance: &'a [f64],
-}
-
-/// Local means and variances of rows of windows, `samples.len() - 10` of them.
-pub(crate) fn moments(
-    samples: &[&[f64]],
-    columns: &mut Vec<f64>,
-    mean: &mut [f64],
-    variance: &mut [f64],
-) {
-    columns.resize(4 * (TILE + SIDE - 1), 0.0);
-    Arch::new().dispatch(Moments {
-        samples,
-        columns,
-        mean,
-        variance,
-    });
-}
-
-/// Sum of CS between two maps over rows of windows.
-pub(crate) fn with_known(known: &Known, samples: &[&[f64]], columns: &mut Vec<f64>) -> f64 {
-    columns.resize(6 * (TILE + SIDE - 1), 0.0);
-    Arch::new().dispatch(WithKnown {
-        known,
-        samples,
-        columns,
-    })
+/// Sums of CS of a map and each of some others over rows of windows: ten less than rows of samples, which are at least
+/// eleven samples wide.
+pub(crate) fn with_each(map: &[&[f64]], others: &[Vec<&[f64]>]) -> Vec<f64> {
+    Arch::new().dispatch(WithEach { map, others })
 }
 
 /// Sums of CS of all pairs of maps over rows of windows.
-pub(crate) fn all_pairs(maps: &[Vec<&[f64]>; MAPS], columns: &mut Vec<f64>) -> [f64; PAIRS] {
-    columns.resize((2 * MAPS + 1) * FOUR * (TILE + SIDE - 1), 0.0);
-    Arch::new().dispatch(AllPairs { maps, columns })
+pub(crate) fn all_pairs(maps: &[Vec<&[f64]>; MAPS]) -> [f64; PAIRS] {
+    Arch::new().dispatch(AllPairs { maps })
 }
 
-/// A piece of rows of windows.
+/// Some windows of each row.
 #[derive(Clone, Copy)]
 struct Tile {
-    /// First row.
-    top: usize,
-    /// First window in the row.
+    /// First window in a row.
     left: usize,
-    /// Windows in the row.
+    /// Windows in a row.
     windows: usize,
 }
 
-impl Tile {
-    /// Samples of a row under the windows.
-    #[inline(always)]
-    fn width(self) -> usize {
-        self.windows + SIDE - 1
-    }
-
-    /// Tile `t` of a row of `windows` windows.
-    #[inline(always)]
-    fn new(top: usize, t: usize, windows: usize) -> Self {
-        let tiles = windows.div_ceil(TILE);
-        let left = windows * t / tiles;
-        Self {
-            top,
+fn tiles(samples: &[&[f64]]) -> impl Iterator<Item = Tile> {
+    let (windows, _) = windows_in(samples);
+    let count = windows.div_ceil(TILE);
+    (0..count).map(move |t| {
+        let left = windows * t / count;
+        Tile {
             left,
-            windows: windows * (t + 1) / tiles - left,
+            windows: windows * (t + 1) / count - left,
         }
-    }
+    })
 }
 
-/// Neighbouring samples.
-type Wide<S> = [<S as Simd>::f64s; WIDE];
-
-/// Piece `i` of places done at once: the first of them, and how many of them have been done before, because the last
-/// piece ends with the row.
+/// Windows in a row, and rows of them.
 #[inline(always)]
-fn piece<S: Simd>(i: usize, places: usize) -> (usize, usize) {
-    let size = WIDE * S::F64_LANES;
-    let x = (i * size).min(places - size);
-    (x, i * size - x)
+fn windows_in(samples: &[&[f64]]) -> (usize, usize) {
+    (samples[0].len() - (SIDE - 1), samples.len() - (SIDE - 1))
 }
 
-#[inline(always)]
-fn pieces<S: Simd>(places: usize) -> usize {
-    places.div_ceil(WIDE * S::F64_LANES)
-}
+/// The window's weights, each in all lanes.
+type Weights<S> = [<S as Simd>::f64s; HALF];
 
 #[inline(always)]
-fn load<S: Simd>(row: &[f64], x: usize) -> Wide<S> {
-    let (v, _) = S::as_simd_f64s(&row[x..x + WIDE * S::F64_LANES]);
-    [v[0], v[1], v[2], v[3]]
-}
-
-#[inline(always)]
-fn store<S: Simd>(wide: &Wide<S>, row: &mut [f64], x: usize) {
-    let (v, _) = S::as_mut_simd_f64s(&mut row[x..x + WIDE * S::F64_LANES]);
-    v.copy_from_slice(wide);
-}
-
-/// Weighted means along a row.
-#[inline(always)]
-fn along<S: Simd>(simd: S, window: &Window, row: &[f64], x: usize) -> Wide<S> {
-    let row = &row[x..x + WIDE * S::F64_LANES + SIDE - 1];
-    let mut mean = [simd.splat_f64s(0.0); WIDE];
-    let weights = &window[FOUR - 1..FOUR - 1 + SIDE];
-    for (row, weight) in row.windows(WIDE * S::F64_LANES).zip(weights) {
-        let samples = load::<S>(row, 0);
-        let weight = simd.splat_f64s(*weight);
-        for w in 0..WIDE {
-            mean[w] = simd.mul_add_e_f64s(weight, samples[w], mean[w]);
-        }
-    }
-    mean
-}
-
-/// Weights with which sample row `k` counts in each of `R` rows of windows; zero outside.
-#[inline(always)]
-fn weights<S: Simd, const R: usize>(simd: S, window: &Window, k: usize) -> [S::f64s; R] {
-    let mut weights = [simd.splat_f64s(0.0); R];
-    for r in 0..R {
-        weights[r] = simd.splat_f64s(window[k + FOUR - 1 - r]);
+fn weights<S: Simd>(simd: S) -> Weights<S> {
+    let mut weights = [simd.splat_f64s(0.0); HALF];
+    for k in 0..HALF {
+        weights[k] = simd.splat_f64s(WINDOW[k]);
     }
     weights
 }
 
-/// Moments down the columns of `R` rows of windows from sample row `top`.
-///
-/// Written to `columns`: a row of means and one of mean squares for each row of windows, rows of `stride` samples.
+/// Weighted mean of the first eleven.
 #[inline(always)]
-fn down<S: Simd, const R: usize>(
-    simd: S,
-    window: &Window,
-    samples: &[&[f64]],
-    tile: Tile,
-    columns: &mut [f64],
-    stride: usize,
-) {
-    let width = tile.width();
-    for i in 0..pieces::<S>(width) {
-        let (x, _) = piece::<S>(i, width);
-        let zero = [[simd.splat_f64s(0.0); WIDE]; R];
-        let (mut a, mut aa) = (zero, zero);
-        for k in 0..SIDE + R - 1 {
-            let v = load::<S>(samples[tile.top + k], tile.left + x);
-            let weights = weights::<S, R>(simd, window, k);
-            for w in 0..WIDE {
-                let square = simd.mul_f64s(v[w], v[w]);
-                for r in 0..R {
-                    a[r][w] = simd.mul_add_e_f64s(weights[r], v[w], a[r][w]);
-                    aa[r][w] = simd.mul_add_e_f64s(weights[r], square, aa[r][w]);
-                }
-            }
+fn mean<S: Simd>(simd: S, weights: &Weights<S>, v: &[S::f64s]) -> S::f64s {
+    let mut sum = simd.mul_f64s(weights[0], v[HALF - 1]);
+    for k in 1..HALF {
+        let pair = simd.add_f64s(v[HALF - 1 - k], v[HALF - 1 + k]);
+        sum = simd.mul_add_e_f64s(weights[k], pair, sum);
+    }
+    sum
+}
+
+/// The samples under a tile, rows of `COLUMNS`.
+struct Patch<S: Simd>(Vec<S::f64s>);
+
+/// A vector of samples from each row under a group of rows of windows.
+type Column<S> = [<S as Simd>::f64s; MOST_ROWS];
+
+impl<S: Simd> Patch<S> {
+    /// Vectors in a row.
+    const VECTORS: usize = COLUMNS / S::F64_LANES;
+
+    /// For rows of windows up to a whole group of them.
+    fn new(simd: S, samples: &[&[f64]]) -> Self {
+        let (_, windows) = windows_in(samples);
+        let rows = windows.next_multiple_of(S::F64_LANES) + SIDE - 1;
+        Self(vec![simd.splat_f64s(0.0); rows * Self::VECTORS])
+    }
+
+    /// Take the samples of `tile`; the last row stands for those that are not there.
+    fn fill(&mut self, samples: &[&[f64]], tile: Tile) {
+        let width = tile.windows + SIDE - 1;
+        for (k, row) in self.0.chunks_exact_mut(Self::VECTORS).enumerate() {
+            let from = &samples[k.min(samples.len() - 1)][tile.left..][..width];
+            cast_slice_mut::<S::f64s, f64>(row)[..width].copy_from_slice(from);
         }
-        for r in 0..R {
-            store::<S>(&a[r], columns, 2 * r * stride + x);
-            store::<S>(&aa[r], columns, (2 * r + 1) * stride + x);
-        }
+    }
+
+    /// The rows under a group of rows of windows.
+    #[inline(always)]
+    fn group(&self, group: usize) -> &[S::f64s] {
+        let rows = S::F64_LANES + SIDE - 1;
+        &self.0[group * S::F64_LANES * Self::VECTORS..][..rows * Self::VECTORS]
     }
 }
 
-/// Mean products down the columns, a row for each row of windows.
+/// Column `i` of vectors of a group.
 #[inline(always)]
-fn down_product<S: Simd, const R: usize>(
-    simd: S,
-    window: &Window,
-    [a, b]: [&[&[f64]]; 2],
-    tile: Tile,
-    columns: &mut [f64],
-    stride: usize,
-) {
-    let width = tile.width();
-    for i in 0..pieces::<S>(width) {
-        let (x, _) = piece::<S>(i, width);
-        let mut ab = [[simd.splat_f64s(0.0); WIDE]; R];
-        for k in 0..SIDE + R - 1 {
-            let va = load::<S>(a[tile.top + k], tile.left + x);
-            let vb = load::<S>(b[tile.top + k], tile.left + x);
-            let weights = weights::<S, R>(simd, window, k);
-            for w in 0..WIDE {
-                let product = simd.mul_f64s(va[w], vb[w]);
-                for r in 0..R {
-                    ab[r][w] = simd.mul_add_e_f64s(weights[r], product, ab[r][w]);
-                }
+fn column<S: Simd>(simd: S, group: &[S::f64s], i: usize) -> Column<S> {
+    let mut column = [simd.splat_f64s(0.0); MOST_ROWS];
+    let vectors = &group[i..i + (S::F64_LANES + SIDE - 2) * Patch::<S>::VECTORS + 1];
+    for k in 0..S::F64_LANES + SIDE - 1 {
+        column[k] = vectors[k * Patch::<S>::VECTORS];
+    }
+    column
+}
+
+#[inline(always)]
+fn multiplied<S: Simd>(simd: S, a: &Column<S>, b: &Column<S>) -> Column<S> {
+    let mut product = *a;
+    for k in 0..S::F64_LANES + SIDE - 1 {
+        product[k] = simd.mul_f64s(a[k], b[k]);
+    }
+    product
+}
+
+/// Means down column `i` of vectors, turned: `out` has a vector for each column of samples, whose lanes are the rows.
+#[inline(always)]
+fn down<S: Simd>(simd: S, weights: &Weights<S>, column: &Column<S>, out: &mut [S::f64s], i: usize) {
+    let mut means = [simd.splat_f64s(0.0); MOST_LANES];
+    for r in 0..S::F64_LANES {
+        means[r] = mean(simd, weights, &column[r..r + SIDE]);
+    }
+    turn(simd, &mut means);
+    let out = &mut out[i * S::F64_LANES..(i + 1) * S::F64_LANES];
+    out.copy_from_slice(&means[..S::F64_LANES]);
+}
+
+/// Transposes the square of as many vectors as they have lanes: quarters off the diagonal change places, then those of each
+/// quarter.
+#[inline(always)]
+fn turn<S: Simd>(simd: S, square: &mut [S::f64s; MOST_LANES]) {
+    let mut step = S::F64_LANES / 2;
+    while step > 0 {
+        let places: [u64; MOST_LANES] = std::array::from_fn(|lane| (lane & step) as u64);
+        let first = simd.less_than_u64s(cast_lossy(places), simd.splat_u64s(1));
+        for i in 0..S::F64_LANES {
+            if i & step == 0 {
+                let (a, b) = (square[i], square[i + step]);
+                square[i] = simd.select_f64s(first, a, simd.rotate_right_f64s(b, step));
+                square[i + step] = simd.select_f64s(first, simd.rotate_left_f64s(a, step), b);
             }
         }
-        for r in 0..R {
-            store::<S>(&ab[r], columns, r * stride + x);
-        }
+        step /= 2;
     }
+}
+
+/// Means along the rows of `N` neighbouring windows.
+#[inline(always)]
+fn along<S: Simd, const N: usize>(
+    simd: S,
+    weights: &Weights<S>,
+    columns: &[S::f64s],
+    x: usize,
+) -> [S::f64s; N] {
+    let columns = &columns[x..x + N + SIDE - 1];
+    let mut means = [simd.splat_f64s(0.0); N];
+    for n in 0..N {
+        means[n] = mean(simd, weights, &columns[n..n + SIDE]);
+    }
+    means
 }
 
 /// `E[a²] - E[a]²`.
 #[inline(always)]
-fn spread<S: Simd>(simd: S, mean: &Wide<S>, squares: &Wide<S>) -> Wide<S> {
+fn spread<S: Simd, const N: usize>(
+    simd: S,
+    means: &[S::f64s; N],
+    squares: &[S::f64s; N],
+) -> [S::f64s; N] {
     let mut spread = *squares;
-    for w in 0..WIDE {
-        spread[w] = simd.sub_f64s(squares[w], simd.mul_f64s(mean[w], mean[w]));
+    for n in 0..N {
+        spread[n] = simd.sub_f64s(squares[n], simd.mul_f64s(means[n], means[n]));
     }
     spread
 }
 
-/// Adds CS of the windows that were not done before.
+/// Adds CS of `N` windows of each row. Their fractions are added before they are divided: a division costs as much as many
+/// products.
 #[inline(always)]
-fn add<S: Simd>(
+fn add<S: Simd, const N: usize>(
     simd: S,
-    ab: &Wide<S>,
-    [mean_a, mean_b]: [&Wide<S>; 2],
-    [spread_a, spread_b]: [&Wide<S>; 2],
-    done: usize,
+    ab: &[S::f64s; N],
+    [mean_a, mean_b]: [&[S::f64s]; 2],
+    [spread_a, spread_b]: [&[S::f64s]; 2],
     sum: &mut S::f64s,
 ) {
     let (two, c2) = (simd.splat_f64s(2.0), simd.splat_f64s(C2));
-    let (mut above, mut below) = (*ab, *ab);
-    for w in 0..WIDE {
-        let covariance = simd.sub_f64s(ab[w], simd.mul_f64s(mean_a[w], mean_b[w]));
-        above[w] = simd.mul_add_e_f64s(two, covariance, c2);
-        below[w] = simd.add_f64s(simd.add_f64s(spread_a[w], spread_b[w]), c2);
+    let (mut above, mut below) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
+    for n in 0..N {
+        let covariance = simd.sub_f64s(ab[n], simd.mul_f64s(mean_a[n], mean_b[n]));
+        let upper = simd.mul_add_e_f64s(two, covariance, c2);
+        let lower = simd.add_f64s(simd.add_f64s(spread_a[n], spread_b[n]), c2);
+        (above, below) = if n == 0 {
+            (upper, lower)
+        } else {
+            let across = simd.mul_f64s(upper, below);
+            let above = simd.mul_add_e_f64s(above, lower, across);
+            (above, simd.mul_f64s(below, lower))
+        };
     }
-    if done > 0 {
-        let mut places = [0.0; WIDE * MOST_LANES];
-        store::<S>(&above, &mut places, 0);
-        places[..done].fill(0.0);
-        above = load::<S>(&places, 0);
-    }
-    for w in [0, 2] {
-        // a / b + c / d by one division, which costs as much as many products.
-        let product = simd.mul_f64s(below[w], below[w + 1]);
-        let first = simd.mul_f64s(above[w], below[w + 1]);
-        let both = simd.mul_add_e_f64s(above[w + 1], below[w], first);
-        *sum = simd.add_f64s(*sum, simd.div_f64s(both, product));
-    }
+    *sum = simd.add_f64s(*sum, simd.div_f64s(above, below));
 }
 
-struct Moments<'a> {
-    samples: &'a [&'a [f64]],
-    columns: &'a mut [f64],
-    mean: &'a mut [f64],
-    variance: &'a mut [f64],
+/// The lanes whose rows of windows are there, zero in the others.
+#[inline(always)]
+fn valid<S: Simd>(simd: S, sum: S::f64s, group: usize, rows: usize) -> S::f64s {
+    let mut lanes = [0.0; MOST_LANES];
+    S::as_mut_simd_f64s(&mut lanes[..S::F64_LANES]).0[0] = sum;
+    let count = S::F64_LANES.min(rows - group * S::F64_LANES);
+    simd.partial_load_f64s(&lanes[..count])
 }
 
-impl WithSimd for Moments<'_> {
-    type Output = ();
+/// Does `$work` for windows `$x` from 0 on, `$n` of them at once.
+macro_rules! for_windows {
+    ($windows:expr, |$x:ident, $n:ident| $work:expr) => {{
+        let (mut $x, windows) = (0, $windows);
+        while $x + FOUR <= windows {
+            const $n: usize = FOUR;
+            $work;
+            $x += FOUR;
+        }
+        while $x < windows {
+            const $n: usize = 1;
+            $work;
+            $x += 1;
+        }
+    }};
+}
 
+/// Local means and variances of the windows of a tile.
+struct Moments<S: Simd> {
+    means: [S::f64s; TILE],
+    variances: [S::f64s; TILE],
+}
+
+impl<S: Simd> Moments<S> {
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let windows = self.samples[0].len() - (SIDE - 1);
-        let (window, columns) = (&*WINDOW, self.columns);
-        for top in 0..self.samples.len() - (SIDE - 1) {
-            let row = top * windows;
-            for t in 0..windows.div_ceil(TILE) {
-                let tile = Tile::new(top, t, windows);
-                let stride = tile.width();
-                down::<S, 1>(simd, window, self.samples, tile, columns, stride);
-                for i in 0..pieces::<S>(tile.windows) {
-                    let (x, _) = piece::<S>(i, tile.windows);
-                    let mean = along(simd, window, columns, x);
-                    let squares = along(simd, window, &columns[stride..], x);
-                    let at = row + tile.left + x;
-                    store::<S>(&mean, self.mean, at);
-                    store::<S>(&spread(simd, &mean, &squares), self.variance, at);
-                }
-            }
+    fn new(simd: S) -> Self {
+        let zeros = [simd.splat_f64s(0.0); TILE];
+        Self {
+            means: zeros,
+            variances: zeros,
         }
     }
 }
 
-struct WithKnown<'a> {
-    known: &'a Known<'a>,
-    samples: &'a [&'a [f64]],
-    columns: &'a mut [f64],
+/// Turned means down the columns of a tile.
+struct Columns<S: Simd> {
+    means: [S::f64s; COLUMNS],
+    squares: [S::f64s; COLUMNS],
+    products: [S::f64s; COLUMNS],
 }
 
-impl WithSimd for WithKnown<'_> {
-    type Output = f64;
-
+impl<S: Simd> Columns<S> {
     #[inline(always)]
-    fn with_simd<S: Simd>(mut self, simd: S) -> f64 {
-        let windows = self.samples[0].len() - (SIDE - 1);
-        let rows = self.samples.len() - (SIDE - 1);
-        let mut sum = simd.splat_f64s(0.0);
-        for t in 0..windows.div_ceil(TILE) {
-            let mut top = 0;
-            while top + PAIR <= rows {
-                self.tile::<S, PAIR>(simd, Tile::new(top, t, windows), &mut sum);
-                top += PAIR;
-            }
-            if top < rows {
-                self.tile::<S, 1>(simd, Tile::new(top, t, windows), &mut sum);
-            }
-        }
-        simd.reduce_sum_f64s(sum)
-    }
-}
-
-impl WithKnown<'_> {
-    #[inline(always)]
-    fn tile<S: Simd, const R: usize>(&mut self, simd: S, tile: Tile, sum: &mut S::f64s) {
-        let stride = tile.width();
-        let window = &*WINDOW;
-        self.down::<S, R>(simd, window, tile, stride);
-        let columns = &*self.columns;
-        let windows = self.samples[0].len() - (SIDE - 1);
-        for r in 0..R {
-            let at = (tile.top + r) * windows + tile.left;
-            for i in 0..pieces::<S>(tile.windows) {
-                let (x, done) = piece::<S>(i, tile.windows);
-                let row = 3 * r * stride;
-                let eb = along(simd, window, &columns[row..], x);
-                let ebb = along(simd, window, &columns[row + stride..], x);
-                let eab = along(simd, window, &columns[row + 2 * stride..], x);
-                let ea = load::<S>(self.known.mean, at + x);
-                let va = load::<S>(self.known.variance, at + x);
-                let vb = spread(simd, &eb, &ebb);
-                add(simd, &eab, [&ea, &eb], [&va, &vb], done, sum);
-            }
+    fn new(simd: S) -> Self {
+        let zeros = [simd.splat_f64s(0.0); COLUMNS];
+        Self {
+            means: zeros,
+            squares: zeros,
+            products: zeros,
         }
     }
 
-    /// For each row of windows a row of means of b, one of b², one of a b.
+    /// Of the samples and of their squares.
     #[inline(always)]
-    fn down<S: Simd, const R: usize>(
+    fn of_samples(&mut self, simd: S, weights: &Weights<S>, a: &[S::f64s], windows: usize) {
+        for i in 0..(windows + SIDE - 1).div_ceil(S::F64_LANES) {
+            down(simd, weights, &column(simd, a, i), &mut self.means, i);
+        }
+        for i in 0..(windows + SIDE - 1).div_ceil(S::F64_LANES) {
+            let a = column(simd, a, i);
+            let squares = multiplied(simd, &a, &a);
+            down(simd, weights, &squares, &mut self.squares, i);
+        }
+    }
+
+    /// Of the products of two maps.
+    #[inline(always)]
+    fn of_products(
         &mut self,
         simd: S,
-        window: &Window,
-        tile: Tile,
-        stride: usize,
+        weights: &Weights<S>,
+        [a, b]: [&[S::f64s]; 2],
+        windows: usize,
     ) {
-        let width = tile.width();
-        for i in 0..pieces::<S>(width) {
-            let (x, _) = piece::<S>(i, width);
-            let zero = [[simd.splat_f64s(0.0); WIDE]; R];
-            let (mut eb, mut ebb, mut eab) = (zero, zero, zero);
-            for k in 0..SIDE + R - 1 {
-                let a = load::<S>(self.known.samples[tile.top + k], tile.left + x);
-                let b = load::<S>(self.samples[tile.top + k], tile.left + x);
-                let weights = weights::<S, R>(simd, window, k);
-                for w in 0..WIDE {
-                    let square = simd.mul_f64s(b[w], b[w]);
-                    let product = simd.mul_f64s(a[w], b[w]);
-                    for r in 0..R {
-                        eb[r][w] = simd.mul_add_e_f64s(weights[r], b[w], eb[r][w]);
-                        ebb[r][w] = simd.mul_add_e_f64s(weights[r], square, ebb[r][w]);
-                        eab[r][w] = simd.mul_add_e_f64s(weights[r], product, eab[r][w]);
-                    }
-                }
-            }
-            for r in 0..R {
-                store::<S>(&eb[r], self.columns, 3 * r * stride + x);
-                store::<S>(&ebb[r], self.columns, (3 * r + 1) * stride + x);
-                store::<S>(&eab[r], self.columns, (3 * r + 2) * stride + x);
-            }
+        for i in 0..(windows + SIDE - 1).div_ceil(S::F64_LANES) {
+            let products = multiplied(simd, &column(simd, a, i), &column(simd, b, i));
+            down(simd, weights, &products, &mut self.products, i);
         }
     }
+
+    /// Moments of a tile of windows from the samples under them.
+    #[inline(always)]
+    fn moments(
+        &mut self,
+        simd: S,
+        weights: &Weights<S>,
+        samples: &[S::f64s],
+        windows: usize,
+        moments: &mut Moments<S>,
+    ) {
+        self.of_samples(simd, weights, samples, windows);
+        for_windows!(windows, |x, N| {
+            let means = along::<S, N>(simd, weights, &self.means, x);
+            let squares = along::<S, N>(simd, weights, &self.squares, x);
+            moments.means[x..x + N].copy_from_slice(&means);
+            moments.variances[x..x + N].copy_from_slice(&spread(simd, &means, &squares));
+        });
+    }
+}
+
+struct WithEach<'a, 'b> {
+    map: &'a [&'b [f64]],
+    others: &'a [Vec<&'b [f64]>],
+}
+
+impl WithSimd for WithEach<'_, '_> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Vec<f64> {
+        let (_, rows) = windows_in(self.map);
+        let weights = weights(simd);
+        let mut columns = Columns::<S>::new(simd);
+        let mut known = Moments::<S>::new(simd);
+        let mut a = Patch::<S>::new(simd, self.map);
+        let mut others: Vec<_> = self
+            .others
+            .iter()
+            .map(|o| Patch::<S>::new(simd, o))
+            .collect();
+        let mut sums = vec![simd.splat_f64s(0.0); others.len()];
+        for tile in tiles(self.map) {
+            let windows = tile.windows;
+            a.fill(self.map, tile);
+            for (other, samples) in others.iter_mut().zip(self.others) {
+                other.fill(samples, tile);
+            }
+            for group in 0..rows.div_ceil(S::F64_LANES) {
+                let a = a.group(group);
+                columns.moments(simd, &weights, a, windows, &mut known);
+                for (other, sum) in others.iter().zip(&mut sums) {
+                    let b = other.group(group);
+                    columns.of_samples(simd, &weights, b, windows);
+                    columns.of_products(simd, &weights, [a, b], windows);
+                    let mut of_tile = simd.splat_f64s(0.0);
+                    for_windows!(windows, |x, N| {
+                        let eb = along::<S, N>(simd, &weights, &columns.means, x);
+                        let ebb = along::<S, N>(simd, &weights, &columns.squares, x);
+                        let eab = along::<S, N>(simd, &weights, &columns.products, x);
+                        let means = [&known.means[x..x + N], &eb];
+                        let variances = [&known.variances[x..x + N], &spread(simd, &eb, &ebb)];
+                        add(simd, &eab, means, variances, &mut of_tile);
+                    });
+                    *sum = simd.add_f64s(*sum, valid(simd, of_tile, group, rows));
+                }
+            }
+        }
+        let totals = sums.into_iter().map(|sum| simd.reduce_sum_f64s(sum));
+        totals.collect()
+    }
+}
+
+/// (1,2), (1,3), .., (5,6), counted from 0.
+fn pairs() -> impl Iterator<Item = [usize; 2]> {
+    (0..MAPS).flat_map(|a| (a + 1..MAPS).map(move |b| [a, b]))
 }
 
 struct AllPairs<'a, 'b> {
     maps: &'a [Vec<&'b [f64]>; MAPS],
-    columns: &'a mut [f64],
 }
 
 impl WithSimd for AllPairs<'_, '_> {
     type Output = [f64; PAIRS];
 
     #[inline(always)]
-    fn with_simd<S: Simd>(mut self, simd: S) -> [f64; PAIRS] {
-        let windows = self.maps[0][0].len() - (SIDE - 1);
-        let rows = self.maps[0].len() - (SIDE - 1);
+    fn with_simd<S: Simd>(self, simd: S) -> [f64; PAIRS] {
+        let (_, rows) = windows_in(&self.maps[0]);
+        let weights = weights(simd);
+        let mut columns = Columns::<S>::new(simd);
+        let mut patches: [Patch<S>; MAPS] =
+            std::array::from_fn(|_| Patch::new(simd, &self.maps[0]));
+        let mut known: [Moments<S>; MAPS] = std::array::from_fn(|_| Moments::new(simd));
         let mut sums = [simd.splat_f64s(0.0); PAIRS];
-        for t in 0..windows.div_ceil(TILE) {
-            let mut top = 0;
-            while top + FOUR <= rows {
-                self.tile::<S, FOUR>(simd, Tile::new(top, t, windows), &mut sums);
-                top += FOUR;
+        for tile in tiles(&self.maps[0]) {
+            let windows = tile.windows;
+            for m in 0..MAPS {
+                patches[m].fill(&self.maps[m], tile);
             }
-            while top < rows {
-                self.tile::<S, 1>(simd, Tile::new(top, t, windows), &mut sums);
-                top += 1;
+            for group in 0..rows.div_ceil(S::F64_LANES) {
+                for m in 0..MAPS {
+                    let samples = patches[m].group(group);
+                    columns.moments(simd, &weights, samples, windows, &mut known[m]);
+                }
+                for (p, [a, b]) in pairs().enumerate() {
+                    let samples = [a, b].map(|m| patches[m].group(group));
+                    columns.of_products(simd, &weights, samples, windows);
+                    let [a, b] = [&known[a], &known[b]];
+                    let mut of_tile = simd.splat_f64s(0.0);
+                    for_windows!(windows, |x, N| {
+                        let ab = along::<S, N>(simd, &weights, &columns.products, x);
+                        let means = [&a.means[x..x + N], &b.means[x..x + N]];
+                        let variances = [&a.variances[x..x + N], &b.variances[x..x + N]];
+                        add(simd, &ab, means, variances, &mut of_tile);
+                    });
+                    sums[p] = simd.add_f64s(sums[p], valid(simd, of_tile, group, rows));
+                }
             }
         }
         let mut totals = [0.0; PAIRS];
@@ -437,50 +464,51 @@ impl WithSimd for AllPairs<'_, '_> {
     }
 }
 
-impl AllPairs<'_, '_> {
-    #[inline(always)]
-    fn tile<S: Simd, const R: usize>(&mut self, simd: S, tile: Tile, sums: &mut [S::f64s; PAIRS]) {
-        let window = &*WINDOW;
-        let stride = tile.width();
-        // A mean and a variance of each map and row; then room for one map or one pair.
-        let (own, room) = self.columns.split_at_mut(2 * MAPS * R * stride);
-        for m in 0..MAPS {
-            for r in 0..R {
-                let row = Tile {
-                    top: tile.top + r,
-                    ..tile
-                };
-                down::<S, 1>(simd, window, &self.maps[m], row, room, stride);
-                let (means, variances) = own[2 * (R * m + r) * stride..].split_at_mut(stride);
-                for i in 0..pieces::<S>(tile.windows) {
-                    let (x, _) = piece::<S>(i, tile.windows);
-                    let mean = along(simd, window, room, x);
-                    let squares = along(simd, window, &room[stride..], x);
-                    store::<S>(&mean, means, x);
-                    store::<S>(&spread(simd, &mean, &squares), variances, x);
-                }
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Turned;
+
+    impl WithSimd for Turned {
+        type Output = Vec<f64>;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> Vec<f64> {
+            let lanes = S::F64_LANES;
+            let mut square = [simd.splat_f64s(0.0); MOST_LANES];
+            for i in 0..lanes {
+                let row: Vec<f64> = (0..lanes).map(|j| (10 * i + j) as f64).collect();
+                square[i] = S::as_simd_f64s(&row).0[0];
             }
+            turn(simd, &mut square);
+            let mut out = vec![0.0; lanes * lanes];
+            S::as_mut_simd_f64s(&mut out)
+                .0
+                .copy_from_slice(&square[..lanes]);
+            out
         }
-        let mut p = 0;
-        for a in 0..MAPS {
-            for b in a + 1..MAPS {
-                let maps = [&self.maps[a][..], &self.maps[b][..]];
-                down_product::<S, R>(simd, window, maps, tile, room, stride);
-                for r in 0..R {
-                    let (at_a, at_b) = (2 * (R * a + r) * stride, 2 * (R * b + r) * stride);
-                    for i in 0..pieces::<S>(tile.windows) {
-                        let (x, done) = piece::<S>(i, tile.windows);
-                        let ab = along(simd, window, &room[r * stride..], x);
-                        let mean_a = load::<S>(own, at_a + x);
-                        let mean_b = load::<S>(own, at_b + x);
-                        let var_a = load::<S>(own, at_a + stride + x);
-                        let var_b = load::<S>(own, at_b + stride + x);
-                        let means = [&mean_a, &mean_b];
-                        add(simd, &ab, means, [&var_a, &var_b], done, &mut sums[p]);
-                    }
-                }
-                p += 1;
-            }
+    }
+
+    fn assert_turned(square: &[f64]) {
+        let lanes = square.len().isqrt();
+        for (at, value) in square.iter().enumerate() {
+            assert_eq!(
+                *value,
+                (10 * (at % lanes) + at / lanes) as f64,
+                "{lanes} lanes"
+            );
+        }
+    }
+
+    /// Rows become columns, in vectors of every width that this machine has.
+    #[test]
+    fn squares_are_turned() {
+        assert_turned(&Arch::new().dispatch(Turned));
+        assert_turned(&Arch::Scalar.dispatch(Turned));
+        #[cfg(target_arch = "x86_64")]
+        if let Some(simd) = pulp::x86::V3::try_new() {
+            assert_turned(&Simd::vectorize(simd, Turned));
         }
     }
 }

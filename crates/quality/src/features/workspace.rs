@@ -9,7 +9,7 @@ use vergence_imaging::fft64::Complex64;
 use super::pyramid::Masks;
 
 /// Memory of workspaces that is kept between pictures; what is larger goes back to the system.
-const KEPT_BYTES: usize = 512 << 20;
+const KEPT_BYTES: usize = 2 << 30;
 
 static KEPT: Mutex<Vec<Workspace>> = Mutex::new(Vec::new());
 
