@@ -8,6 +8,7 @@ use vergence_stereo::faults::noise::noise_of;
 use vergence_stereo::faults::photometry::photometry_from_map;
 use vergence_stereo::faults::sharpness::sharpness_from_map;
 use vergence_stereo::faults::swap::swap_from_map;
+use vergence_stereo::faults::{Conditions, measure};
 use vergence_stereo::fuse::{FuseSettings, fused};
 
 const SIZE: (usize, usize) = (1024, 768);
@@ -43,10 +44,35 @@ fn map(pair: &[Gray; 2]) -> Option<DisparityMap> {
     disparity_map([&pair[0], &pair[1]], &|_, _| 0.0, &DenseSettings::default()).ok()
 }
 
+fn coloured() -> [Rgb; 2] {
+    pair()
+        .each_ref()
+        .map(|eye| eye.map(|v| [v, v / 2 + 40, 255 - v]))
+}
+
+fn viewing() -> Viewing {
+    Viewing {
+        viewer: Viewer {
+            interocular_m: 0.065,
+            distance_m: 2.0,
+        },
+        screen_width_m: 1.0,
+        width_px: SIZE.0,
+    }
+}
+
 #[divan::bench]
 fn dense_map(bencher: divan::Bencher) {
     let pair = pair();
     bencher.bench_local(|| map(&pair));
+}
+
+/// Everything that is measured on a pair: matches, alignment, map and all that is read from it.
+#[divan::bench]
+fn whole_measure(bencher: divan::Bencher) {
+    let rgb = coloured();
+    let conditions = Conditions::new(viewing());
+    bencher.bench_local(|| measure(&rgb[0], &rgb[1], &conditions));
 }
 
 #[divan::bench]
@@ -76,9 +102,7 @@ fn sharpness(bencher: divan::Bencher) {
 fn photometry(bencher: divan::Bencher) {
     let pair = pair();
     let map = map(&pair);
-    let rgb: [Rgb; 2] = pair
-        .each_ref()
-        .map(|eye| eye.map(|v| [v, v / 2 + 40, 255 - v]));
+    let rgb = coloured();
     let eyes = [&rgb[0], &rgb[1]];
     bencher.bench_local(|| {
         map.as_ref()
@@ -90,17 +114,8 @@ fn photometry(bencher: divan::Bencher) {
 fn fused_picture(bencher: divan::Bencher) {
     let pair = pair();
     let map = map(&pair);
-    let rgb: [Rgb; 2] = pair
-        .each_ref()
-        .map(|eye| eye.map(|v| [v, v / 2 + 40, 255 - v]));
-    let viewing = Viewing {
-        viewer: Viewer {
-            interocular_m: 0.065,
-            distance_m: 2.0,
-        },
-        screen_width_m: 1.0,
-        width_px: SIZE.0,
-    };
+    let rgb = coloured();
+    let viewing = viewing();
     let settings = FuseSettings::default();
     let eyes = [&rgb[0], &rgb[1]];
     bencher.bench_local(|| {

@@ -34,6 +34,13 @@ const COARSE_RANGE: f64 = 0.4;
 const COARSE_MARGIN: f64 = 3.0;
 const COARSE_WIDENING: f64 = 0.12;
 
+/// A map that knows less of the picture than this share is tried again at half its size, an eighth of the work: a picture that is blurred
+/// by a few pixels in one eye alone, or full of noise, has other census words in the other eye, but not when both are reduced.
+const POOR_COVERAGE: f64 = 0.6;
+
+/// The smaller map is taken when it knows so much more.
+const WORTH_COARSER: f64 = 0.1;
+
 /// Below this side a picture has no map.
 const MIN_SIDE: usize = 16;
 
@@ -195,14 +202,18 @@ pub fn disparity_map(
     let cells = width as f64 * height as f64 * (range_px[1] - range_px[0]).max(8.0);
     let wanted = (cells / settings.max_cells.max(4096) as f64).cbrt();
     // No side of the map may fall below the census window.
-    let scale = wanted.clamp(1.0, width.min(height) as f64 / MIN_SIDE as f64);
-    Ok(map_at(
-        pair,
-        vertical_px,
-        scale,
-        range_px,
-        settings.min_island,
-    ))
+    let most = width.min(height) as f64 / MIN_SIDE as f64;
+    let scale = wanted.clamp(1.0, most);
+    let at = |scale: f64| map_at(pair, vertical_px, scale, range_px, settings.min_island);
+    let fine = at(scale);
+    if fine.coverage() >= POOR_COVERAGE || 2.0 * scale > most {
+        return Ok(fine);
+    }
+    let coarse = at(2.0 * scale);
+    match coarse.coverage() > fine.coverage() + WORTH_COARSER {
+        true => Ok(coarse),
+        false => Ok(fine),
+    }
 }
 
 /// Range of disparities of a pair, px, by a small map over a wide range.

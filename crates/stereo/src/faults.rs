@@ -152,7 +152,9 @@ impl Finding {
         remedy: &str,
     ) -> Self {
         let verdict = limits.verdict(estimate.value, estimate.sigma);
-        let meaning = if verdict == Verdict::Good && estimate.sigma > limits.bad {
+        let meaning = if verdict == Verdict::Good && estimate.sigma.is_infinite() {
+            "cannot be told from these pictures".to_owned()
+        } else if verdict == Verdict::Good && estimate.sigma > limits.bad {
             format!(
                 "cannot be told from these pictures (known to ±{:.2} {unit} only)",
                 estimate.sigma

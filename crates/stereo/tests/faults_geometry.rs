@@ -233,7 +233,7 @@ fn the_correction_corrects() {
     assert!(advice.contains("right lens longer"), "{advice}");
 }
 
-/// Verdicts follow the limits: 5' and 10' at the viewer, 2.0 px and 4.1 px here.
+/// Verdicts follow the limits: 5' and 10' at the viewer, 0.98 px and 1.95 px here.
 #[test]
 fn verdicts_follow_the_limits() {
     let [left, right] = Leaves::new(8).pair(SIZE);

@@ -257,7 +257,13 @@ fn plantings() -> Vec<(&'static str, Plant)> {
     ]
 }
 
-/// Errors of offset (px), roll (deg) and zoom (%) for every planting: mean and worst. `ONLY=name` takes one scene.
+/// Left and right exchanged.
+fn exchanged([offset, roll, zoom]: [f64; 3]) -> [f64; 3] {
+    [-offset, -roll, 100.0 * (1.0 / (1.0 + zoom / 100.0) - 1.0)]
+}
+
+/// Errors of offset (px), roll (deg) and zoom (%) for every planting: mean and worst. `ONLY=name` takes one scene, `EYE=left` plants
+/// in the left picture.
 #[test]
 #[ignore = "prints the table of the documents; minutes"]
 fn table() {
@@ -265,6 +271,7 @@ fn table() {
         return;
     };
     let only = std::env::var("ONLY").unwrap_or_default();
+    let in_left = std::env::var("EYE").is_ok_and(|eye| eye == "left");
     let mut pairs = recorded::disparity_pairs(&data);
     pairs.extend(recorded::photographs(&data));
     if std::env::var_os("SMALL").is_some() {
@@ -275,14 +282,24 @@ fn table() {
         let before = similarity(&measured(&pair.left, &pair.right).unwrap());
         let mut errors: Vec<[f64; 3]> = Vec::new();
         for (name, plant) in plantings() {
-            let faults = match measured(&pair.left, &plant.planted_in(&pair.right, 7)) {
+            let result = if in_left {
+                measured(&plant.planted_in(&pair.left, 7), &pair.right)
+            } else {
+                measured(&pair.left, &plant.planted_in(&pair.right, 7))
+            };
+            let faults = match result {
                 Ok(faults) => faults,
                 Err(why) => {
                     println!("{} {name}: {why}", pair.name);
                     continue;
                 }
             };
-            let (got, want) = (similarity(&faults), expected(before, &plant));
+            let want = if in_left {
+                exchanged(expected(exchanged(before), &plant))
+            } else {
+                expected(before, &plant)
+            };
+            let got = similarity(&faults);
             let error: [f64; 3] = std::array::from_fn(|k| got[k] - want[k]);
             if (0..3).any(|k| error[k].abs() > GOAL[k]) {
                 let a = &faults.alignment;

@@ -8,8 +8,8 @@ use vergence_geometry::comfort::Viewing;
 
 use super::alignment::Estimate;
 use super::alignment::fit::Fit;
-use super::alignment::limits_px;
 use super::alignment::model::{LENS, ZOOM, half_width};
+use super::alignment::{limits_px, told_when_uncertain};
 use super::{Cause, Finding, Limits};
 
 /// Difference of radial distortion, left picture against right one.
@@ -56,7 +56,7 @@ pub(crate) fn finding(lens: &LensMismatch, viewing: &Viewing, size: (usize, usiz
     } else {
         "right"
     };
-    Finding::judged(
+    told_when_uncertain(Finding::judged(
         Cause::LensDistortion,
         lens.corner_px,
         "px",
@@ -66,5 +66,5 @@ pub(crate) fn finding(lens: &LensMismatch, viewing: &Viewing, size: (usize, usiz
             lens.percent.value.abs()
         ),
         "calibrate both lenses and take their distortion out",
-    )
+    ))
 }

@@ -5,8 +5,9 @@
 //! `R = 255 a (L / 255)^gamma + b`, of which gamma is given. Where the curve explains the pair far better than the line, gain and
 //! offset are the curve's a and b.
 
+mod areas;
 mod blur;
-mod fit;
+pub(super) mod fit;
 
 use nalgebra::{Matrix3, Matrix4, Vector4};
 use vergence_geometry::Eye;
@@ -15,6 +16,7 @@ use vergence_imaging::Rgb;
 use super::sharpness::Sharpness;
 use super::{Cause, Estimate, Finding, Limits};
 use crate::dense::DisparityMap;
+use areas::{Area, areas_of};
 use fit::{Curve, Sample};
 
 /// Tone of the right eye's picture against the left's, in one channel.
@@ -55,6 +57,9 @@ pub struct Photometry {
     /// Colour matrix `R = M L` (coded values, offset removed) by robust least squares, rows red, green, blue; `None` where the
     /// pair has not enough colours to tell.
     pub matrix: Option<[[f64; 3]; 3]>,
+    /// Change of the right eye's brightness against the left's from the middle of the picture to its right edge, and to its bottom
+    /// edge, percent: by lenses that darken corners, and by surfaces that shine. Gain and level are those of the middle.
+    pub shading_percent: [f64; 2],
     /// Corresponding areas that it was read from.
     pub areas: usize,
 }
@@ -62,17 +67,8 @@ pub struct Photometry {
 /// Fewer areas than this tell nothing.
 const LEAST_AREAS: usize = 60;
 
-/// Areas are squares of this many map pixels.
-const AREA_MAP_PX: f64 = 5.0;
-
-/// At most about so many areas are read.
-const MOST_AREAS: usize = 6000;
-
-/// Coded values below and above are clipped or nearly so: an area with one of them says nothing of that channel.
-const CLIPPED: [u8; 2] = [2, 253];
-
 /// Cells (columns, rows) of the picture that are left out in turn to find how sure the numbers are.
-const CELLS: [usize; 2] = [8, 6];
+pub(super) const CELLS: [usize; 2] = [8, 6];
 
 /// Photometric differences over corresponding areas; `None` where fewer than 60 areas correspond. `vertical_px` as in
 /// [`crate::dense::disparity_map`].
@@ -91,8 +87,13 @@ pub fn photometry_from_map(
         Some((Eye::Right, right)) => [pair[0], right],
         None => pair,
     };
-    let areas = areas_of(pair, map, vertical_px);
+    let blur_px = sharpness.map_or(0.0, |s| s.blur_sigma_px.abs());
+    let mut areas = areas_of(pair, map, vertical_px, blur_px);
     let luma = tone(&areas, |a| a.luma())?;
+    // What is left is compared as it would be in the middle of the picture.
+    for area in &mut areas {
+        area.unshade(&luma.curve);
+    }
     let mut channels = [luma.tone; 3];
     for (c, tone_out) in channels.iter_mut().enumerate() {
         // A channel that is dark all over has no tone of its own.
@@ -109,93 +110,9 @@ pub fn photometry_from_map(
         white_balance_percent,
         white_balance_sigma_percent,
         matrix: matrix(&areas),
+        shading_percent: luma.curve.shading.map(|s| 100.0 * s),
         areas: areas.len(),
     })
-}
-
-/// Mean coded values of one area in both pictures.
-struct Area {
-    cell: usize,
-    means: [[f64; 3]; 2],
-    /// Which channels are nowhere clipped in either picture.
-    whole: [bool; 3],
-}
-
-impl Area {
-    fn channel(&self, c: usize) -> Option<Sample> {
-        self.whole[c].then_some(Sample {
-            x: self.means[0][c],
-            y: self.means[1][c],
-            cell: self.cell,
-        })
-    }
-
-    fn luma(&self) -> Option<Sample> {
-        let luma = |m: &[f64; 3]| 0.299 * m[0] + 0.587 * m[1] + 0.114 * m[2];
-        self.whole.iter().all(|w| *w).then_some(Sample {
-            x: luma(&self.means[0]),
-            y: luma(&self.means[1]),
-            cell: self.cell,
-        })
-    }
-}
-
-fn areas_of(
-    pair: [&Rgb; 2],
-    map: &DisparityMap,
-    vertical_px: &dyn Fn(f64, f64) -> f64,
-) -> Vec<Area> {
-    let (width, height) = pair[0].size();
-    let half = (AREA_MAP_PX * map.scale / 2.0).max(2.0);
-    let spread = ((width * height) as f64 / MOST_AREAS as f64).sqrt();
-    let step = spread.max(half);
-    let reach = half.floor() as i64;
-    let mut areas = Vec::new();
-    let mut v = half + 1.0;
-    while v < height as f64 - half - 1.0 {
-        let mut u = half + 1.0;
-        while u < width as f64 - half - 1.0 {
-            if let Some(d) = map.smooth_at([u, v], half, 0.9, 1.5 * map.scale as f32) {
-                let left = (u.round() as i64, v.round() as i64);
-                let right = (
-                    (left.0 as f64 - d).round() as i64,
-                    (left.1 as f64 - vertical_px(u, v)).round() as i64,
-                );
-                let column = (u * CELLS[0] as f64 / width as f64) as usize;
-                let row = (v * CELLS[1] as f64 / height as f64) as usize;
-                areas.extend(area(pair, [left, right], reach, row * CELLS[0] + column));
-            }
-            u += step;
-        }
-        v += step;
-    }
-    areas
-}
-
-fn area(pair: [&Rgb; 2], at: [(i64, i64); 2], reach: i64, cell: usize) -> Option<Area> {
-    // Large areas of large pictures are sampled, not summed.
-    let stride = (reach / 4).max(1) as usize;
-    let (mut means, mut whole) = ([[0.0; 3]; 2], [true; 3]);
-    for eye in 0..2 {
-        let (x, y) = at[eye];
-        let (width, height) = (pair[eye].width() as i64, pair[eye].height() as i64);
-        if x < reach || y < reach || x + reach >= width || y + reach >= height {
-            return None;
-        }
-        let (mut sums, mut count) = ([0.0f64; 3], 0.0);
-        for row in (y - reach..=y + reach).step_by(stride) {
-            let row = &pair[eye].row(row as usize)[(x - reach) as usize..=(x + reach) as usize];
-            for px in row.iter().step_by(stride) {
-                for c in 0..3 {
-                    sums[c] += f64::from(px[c]);
-                    whole[c] &= px[c] > CLIPPED[0] && px[c] < CLIPPED[1];
-                }
-                count += 1.0;
-            }
-        }
-        means[eye] = sums.map(|s| s / count);
-    }
-    Some(Area { cell, means, whole })
 }
 
 struct ToneFound {
@@ -260,7 +177,11 @@ fn white_balance(areas: &[Area], luma: &Curve) -> ([f64; 2], f64) {
     let spread = |k: usize| {
         let of_cells = cells.iter_mut().filter(|c| c[k].len() >= 5);
         let of_cells: Vec<f64> = of_cells.map(|c| fit::median(&mut c[k])).collect();
-        let n = of_cells.len().max(2) as f64;
+        // One cell tells nothing of a spread.
+        if of_cells.len() < 2 {
+            return f64::INFINITY;
+        }
+        let n = of_cells.len() as f64;
         let mean = of_cells.iter().sum::<f64>() / n;
         (of_cells
             .iter()

@@ -15,23 +15,23 @@ const EXPECTED: [(usize, f64); TERMS] = [
     (TILT, 0.1),
     (BOW, 0.01),
     (LENS, 0.03),
-    (BASE_ROLL, COMMON_AT_FIRST[0]),
-    (BASE_YAW, COMMON_AT_FIRST[1]),
-    (COMMON_LENS, 0.3),
+    (BASE_ROLL, 0.03),
+    (BASE_YAW, 0.02),
+    (COMMON_LENS, 0.1),
 ];
 
-/// Roll and yaw of both cameras alike, radians: what is expected of them while the matches speak.
-const COMMON_AT_FIRST: [f64; 2] = [0.01, 0.006];
+/// Widths of the [`Sparse`] priors: roll of the left camera against the base line, 0.11 degrees; yaw of both cameras, radians
+/// by half widths; distortion of both lenses, half a percent at the side edge. Ours.
+const LEFT_ROLL: f64 = 0.002;
+const COMMON_YAW: f64 = 0.001;
+const BOTH_LENSES: f64 = 0.005;
 
-/// Once one of [`Shared`]'s cases is taken to hold, how exactly: 0.02 degrees.
-const COMMON: f64 = 0.00035;
+/// Once the likeliest value is known, how exactly it is held: 0.01 degrees for a turn.
+const HELD: f64 = 0.0002;
 
-/// The common turns with the differences they come with.
-const COMMON_TERMS: [(usize, usize); 2] = [(BASE_ROLL, ROLL), (BASE_YAW, TOE_IN)];
-
-/// A common turn that is this many standard deviations from all cases is believed. High, because what wrong matches do to it is
-/// not covered by the standard deviation: rectified pairs show turns of up to 10 of them that are not there. Ours.
-const BELIEVED: f64 = 12.0;
+/// The standard deviations are themselves estimates, and wrong matches err together: those of the held numbers count for so many times
+/// as much. Rectified pairs show turns of several of them that are not there. Ours.
+const DOUBT: f64 = 2.0;
 
 /// Rounds of reweighting.
 const ROUNDS: usize = 12;
@@ -67,11 +67,12 @@ pub(crate) struct Fit {
     pub(crate) scale: f64,
 }
 
-/// What is expected of the numbers beside the matches: normal distributions.
+/// What is expected of the numbers beside the matches: a normal distribution.
 struct Prior {
-    centre: Terms,
     /// Inverse covariance.
     weight: TermsMatrix,
+    /// Inverse covariance times centre.
+    pull: Terms,
 }
 
 impl Prior {
@@ -81,39 +82,67 @@ impl Prior {
             weight[(k, k)] = 1.0 / (sigma * sigma);
         }
         Self {
-            centre: Terms::zeros(),
             weight,
+            pull: Terms::zeros(),
         }
     }
 
-    fn hold(&mut self, k: usize, centre: f64, sigma: f64) {
-        self.centre[k] = centre;
-        self.weight[(k, k)] = 1.0 / (sigma * sigma);
+    /// The same, and the combination `direction` of the numbers is `centre` to `sigma`.
+    fn and(mut self, direction: &Terms, centre: f64, sigma: f64) -> Self {
+        let weight = 1.0 / (sigma * sigma);
+        self.weight.ger(weight, direction, direction, 1.0);
+        self.pull.axpy(weight * centre, direction, 1.0);
+        self
     }
 }
 
 /// Fit from a start. `None` when the normal matrix cannot be inverted.
 ///
-/// Where depth hardly varies, a turn b of both cameras alike cannot be told from an offset: at a disparity d it looks like `b d`;
-/// and a yaw of both alike looks like zoom. So the matches speak first, and then one of the [`Shared`] cases is held unless they
-/// clearly contradict.
+/// Where depth hardly varies, a turn of both cameras alike cannot be told from an offset: at a disparity d a roll b looks like `b d`,
+/// a yaw of both looks like zoom, and a distortion of both like toe-in. So the matches speak first, and then three things are held to what they and a
+/// [`Sparse`] prior say together:
+///
+/// - the roll of the *left* camera against the base line, `b + r / 2`. So the left camera is the one that stands straight
+///   unless the matches contradict, whatever was done to the right one: a roll of the right picture about its
+///   centre never shows up as an offset;
+/// - the yaw of both, g (that of the left one alone, `g + k / 2`, would hand on to zoom what is not known of the keystone k);
+/// - the distortion of both lenses, m.
 pub(crate) fn fitted(observations: &[Observation], start: &Terms) -> Option<Fit> {
-    let mut prior = Prior::first();
     let free = freely_fitted(observations, start)?;
-    let mut spreads = Vec::new();
-    for (common, difference) in COMMON_TERMS {
-        let sigma = free.covariance[(common, common)].max(0.0).sqrt();
-        if let Some(shared) = Shared::of(free.terms[common], sigma, free.terms[difference]) {
-            prior.hold(common, shared.centre, COMMON);
-            spreads.push((common, shared));
-        }
-    }
-    let mut fit = reweighted(observations, &free.terms, &prior, 0)?;
-    // The standard deviations tell of the cases that were not chosen, too.
-    for (common, shared) in spreads {
-        prior.hold(common, shared.centre, shared.spread.hypot(COMMON));
-    }
-    fit.covariance = clustered(observations, &fit, &prior.weight)?;
+    let mut left_roll = Terms::zeros();
+    (left_roll[BASE_ROLL], left_roll[ROLL]) = (1.0, 0.5);
+    let mut common_yaw = Terms::zeros();
+    common_yaw[BASE_YAW] = 1.0;
+    let mut both_lenses = Terms::zeros();
+    both_lenses[COMMON_LENS] = 1.0;
+    // What each number is if it is the right camera that stands straight, `b - r / 2 = 0`.
+    let common = [
+        (left_roll, LEFT_ROLL, free.terms[ROLL]),
+        (common_yaw, COMMON_YAW, 0.0),
+        (both_lenses, BOTH_LENSES, 0.0),
+    ];
+    let held_to = common.map(|(direction, width, right_straight)| {
+        let variance = (direction.transpose() * free.covariance * direction)[0].max(0.0);
+        let sigma = DOUBT * variance.sqrt();
+        let measured = direction.dot(&free.terms);
+        let sparse = Sparse { width };
+        let likeliest = sparse.seen_at(measured, sigma);
+        let instead = sparse.seen_at(measured - right_straight, sigma);
+        (direction, likeliest.doubted(&instead, right_straight))
+    });
+    let held = held_to
+        .iter()
+        .fold(Prior::first(), |prior, (direction, seen)| {
+            prior.and(direction, seen.centre, HELD)
+        });
+    let mut fit = reweighted(observations, &free.terms, &held, 0)?;
+    // The standard deviations tell of what the held numbers might be as well.
+    let known = held_to
+        .iter()
+        .fold(Prior::first(), |prior, (direction, seen)| {
+            prior.and(direction, seen.centre, seen.spread.hypot(HELD))
+        });
+    fit.covariance = clustered(observations, &fit, &known.weight)?;
     Some(fit)
 }
 
@@ -122,38 +151,64 @@ pub(crate) fn freely_fitted(observations: &[Observation], start: &Terms) -> Opti
     reweighted(observations, start, &Prior::first(), CAUCHY_ROUNDS)
 }
 
-/// Which camera has the fault: the left, the right, or both half of it. A turn alike is then 1/2, -1/2 or 0 of the difference.
-/// Where the matches leave more than one possible, the mean of the cases by their likelihood.
-struct Shared {
-    centre: f64,
-    spread: f64,
+/// A number that is most often near zero and sometimes far from it: Student's distribution with [`Sparse::DEGREES`] degrees of freedom.
+struct Sparse {
+    width: f64,
 }
 
-impl Shared {
-    /// `None` when the measured common turn contradicts all three.
-    fn of(measured: f64, sigma: f64, difference: f64) -> Option<Self> {
-        let cases = [-0.5 * difference, 0.0, 0.5 * difference];
-        let away = cases.map(|case| (measured - case).abs() / sigma);
-        if !(away.iter().copied().fold(f64::MAX, f64::min) <= BELIEVED) {
-            return None;
+/// Mean and standard deviation.
+struct Likeliest {
+    centre: f64,
+    spread: f64,
+    /// Likelihood of what was measured, up to a factor that depends on its standard deviation alone.
+    evidence: f64,
+}
+
+impl Likeliest {
+    /// The same mean, with a standard deviation about it that counts in another explanation, as likely before the pictures were
+    /// seen, by which the number is `by` plus what `other` says.
+    fn doubted(self, other: &Self, by: f64) -> Self {
+        let away = by + other.centre - self.centre;
+        let own = self.evidence * self.spread.powi(2);
+        let others = other.evidence * (other.spread.powi(2) + away.powi(2));
+        Self {
+            spread: ((own + others) / (self.evidence + other.evidence)).sqrt(),
+            ..self
         }
-        // As if the standard deviation were 1.4 times as large: it is itself an estimate.
-        let least = away.iter().copied().fold(f64::MAX, f64::min);
-        let weights = away.map(|z| (-(z * z - least * least) / 4.0).exp());
-        let total: f64 = weights.iter().sum();
-        let mean = |f: &dyn Fn(f64) -> f64| {
-            cases
-                .iter()
-                .zip(weights)
-                .map(|(&c, w)| w * f(c))
-                .sum::<f64>()
-                / total
+    }
+}
+
+impl Sparse {
+    /// Tails that let go of what is measured well: 4 degrees of freedom.
+    const DEGREES: f64 = 4.0;
+
+    /// Steps of the integral.
+    const STEPS: usize = 2000;
+
+    /// What the number is once it was measured: the mean of the posterior distribution. Smooth in what was measured, where
+    /// choosing the likelier of two explanations would jump.
+    fn seen_at(&self, measured: f64, sigma: f64) -> Likeliest {
+        let sigma = sigma.max(1e-9);
+        // Beyond 8 standard deviations of the measurement there is nothing.
+        let at = |k: usize| measured + sigma * (16.0 * k as f64 / Self::STEPS as f64 - 8.0);
+        let density = |v: f64| {
+            let (z, t) = ((v - measured) / sigma, v / self.width);
+            let tail = (t * t / Self::DEGREES).ln_1p();
+            (-0.5 * z * z - 0.5 * (Self::DEGREES + 1.0) * tail).exp()
         };
-        let centre = mean(&|c| c);
-        Some(Self {
-            centre,
-            spread: mean(&|c| (c - centre) * (c - centre)).sqrt(),
-        })
+        let [mut total, mut first, mut second] = [0.0; 3];
+        for k in 0..=Self::STEPS {
+            let (v, p) = (at(k), density(at(k)));
+            total += p;
+            first += p * (v - measured);
+            second += p * (v - measured).powi(2);
+        }
+        let shift = first / total;
+        Likeliest {
+            centre: measured + shift,
+            spread: (second / total - shift * shift).max(0.0).sqrt(),
+            evidence: total,
+        }
     }
 }
 
@@ -169,7 +224,7 @@ fn reweighted(
         let (residuals, scale) = residuals_and_scale(observations, &terms);
         let weights = weights_of(observations, &residuals, scale, round < cauchy_rounds);
         let mut normal = prior.weight;
-        let mut pull = prior.weight * (prior.centre - terms);
+        let mut pull = prior.pull - prior.weight * terms;
         for ((o, &e), &w) in observations.iter().zip(&residuals).zip(&weights) {
             let b = basis(&terms, &o.place);
             let w = w / (scale * o.sigma).powi(2);
@@ -272,4 +327,29 @@ fn scale_of(observations: &[Observation], residuals: &[f64]) -> f64 {
     let (_, median, _) = magnitudes.select_nth_unstable_by(middle, f64::total_cmp);
     // A perfect fit must not make the weights of all but a few vanish.
     (1.4826 * *median).max(0.1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is measured far better than the prior's width is believed, what is measured far worse is not, and between them the
+    /// answer goes smoothly and evenly for both signs.
+    #[test]
+    fn sparse_numbers() {
+        let sparse = Sparse { width: 0.002 };
+        let sure = sparse.seen_at(0.02, 0.0003);
+        assert!((sure.centre - 0.02).abs() < 1e-4 && sure.spread < 0.00035);
+        let vague = sparse.seen_at(0.01, 0.02);
+        assert!(vague.centre.abs() < 0.0015 && vague.spread < 0.004);
+        let centres: Vec<f64> = (0..=100)
+            .map(|k| sparse.seen_at(3e-4 * f64::from(k), 0.003).centre)
+            .collect();
+        for pair in centres.windows(2) {
+            let step = pair[1] - pair[0];
+            assert!(step > 0.0 && step < 2.0 * 3e-4, "{step}");
+        }
+        let (plus, minus) = (sparse.seen_at(0.01, 0.003), sparse.seen_at(-0.01, 0.003));
+        assert!((plus.centre + minus.centre).abs() < 1e-9);
+    }
 }

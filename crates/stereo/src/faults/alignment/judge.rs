@@ -9,7 +9,7 @@ use vergence_geometry::comfort::{VerticalParallax, Viewing};
 use super::model::half_width;
 use super::{Alignment, Estimate};
 use crate::faults::parallax::ParallaxRange;
-use crate::faults::{Cause, Finding, Limits};
+use crate::faults::{Cause, Finding, Limits, Verdict};
 
 /// Where the two angles come from.
 pub(crate) const SOURCE: &str = "5' good, 10' alarm: design values of this project, far below Panum's vertical area of 19' to 26' (Qin et \
@@ -152,7 +152,7 @@ impl Vertical {
             source: px.source,
         };
         let arcmin = self.estimate.value.abs() / self.per_px * arcmin_per_px;
-        Finding::judged(
+        let finding = Finding::judged(
             self.cause,
             self.estimate,
             self.unit,
@@ -162,6 +162,58 @@ impl Vertical {
                 self.what
             ),
             self.remedy,
-        )
+        );
+        told_when_uncertain(finding)
+    }
+}
+
+/// A value beyond its limit that is called good only because it is not known well enough: the meaning says so.
+pub(crate) fn told_when_uncertain(mut finding: Finding) -> Finding {
+    let sigma = finding.sigma.unwrap_or(0.0);
+    let (good, limit) = (finding.verdict == Verdict::Good, finding.limits.look);
+    // Where even the far limit is less than the standard deviation, the meaning is that nothing can be told.
+    if good && finding.value.abs() > limit && sigma <= finding.limits.bad {
+        let unit = finding.unit;
+        finding.meaning += &format!(
+            "; perhaps beyond the limit of {limit:.2} {unit}, but known to ±{sigma:.2} {unit} only"
+        );
+    }
+    finding
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Good and sure: nothing is added. Beyond the limit but not surely so: good, and it says so. Surely beyond: no remark either.
+    #[test]
+    fn uncertain_values_are_told() {
+        let finding = |value: f64, sigma: f64| {
+            let estimate = Estimate { value, sigma };
+            let limits = Limits {
+                look: 2.0,
+                bad: 4.0,
+                source: "test",
+            };
+            told_when_uncertain(Finding::judged(
+                Cause::Bow,
+                estimate,
+                "px",
+                limits,
+                "rows bend",
+                "calibrate",
+            ))
+        };
+        assert_eq!(finding(1.5, 1.0).meaning, "rows bend");
+        let uncertain = finding(-3.0, 1.0);
+        assert_eq!(uncertain.verdict, Verdict::Good);
+        assert!(
+            uncertain
+                .meaning
+                .contains("perhaps beyond the limit of 2.00 px, but known to ±1.00 px")
+        );
+        assert_eq!(finding(3.0, 0.2).verdict, Verdict::Look);
+        assert!(!finding(3.0, 0.2).meaning.contains("perhaps"));
+        assert!(finding(3.0, 9.0).meaning.contains("cannot be told"));
     }
 }
