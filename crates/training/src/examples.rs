@@ -33,6 +33,18 @@ pub fn step_of(class: usize, strength: f64) -> Step {
     }
 }
 
+/// The strength of a step, the reverse of [`step_of`] but for rounding; outside 0 to 1 for steps outside its range.
+pub fn strength_of(step: Step) -> f64 {
+    let between = |lo: f64, hi: f64, v: f64| (v / lo).ln() / (hi / lo).ln();
+    match step {
+        Step::Jpeg2000(ratio) => between(5.0, 250.0, ratio),
+        Step::Jpeg(quality) => between(92.0, 3.0, f64::from(quality)),
+        Step::Noise(sigma) => between(1.5, 70.0, sigma),
+        Step::Blur(sigma) => between(0.4, 8.0, sigma),
+        Step::Fading(snr_db) => (28.0 - snr_db) / 18.0,
+    }
+}
+
 /// One picture of the set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Example {

@@ -13,4 +13,5 @@ pub mod report;
 pub mod scenes;
 pub mod store;
 pub mod svm;
+pub mod targets;
 pub mod training;

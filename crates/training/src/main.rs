@@ -11,7 +11,7 @@ use vergence_training::scenes::scene;
 use vergence_training::{evaluate, report, store};
 
 const USAGE: &str = "usage:
-  vergence-training train [--seed 1] [--scenes 60] [--set FILE] [--out FILE]   make the default model
+  vergence-training train [--seed 1] [--scenes 90] [--set FILE] [--out FILE]   make the default model
   vergence-training evaluate SHARED_FOLDER [--model FILE]    the test set: against the LIVE model's scores
   vergence-training validate [--model FILE] [--live MAT] [--set FILE] PICTURE...  against labels on pictures of your own
   vergence-training show FOLDER COUNT [--seed 1]             write scenes as PNG";
