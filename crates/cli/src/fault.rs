@@ -11,6 +11,8 @@ pub(crate) enum Kind {
     Failed,
     /// The call cannot be answered as it was typed (flags, settings, input files): exit code 2.
     Usage,
+    /// Ctrl-C or SIGTERM ended the work early: exit code 130, as of a program that SIGINT ends.
+    Interrupted,
 }
 
 /// An error with an exit code and, where a remedy is known, a hint.
@@ -34,6 +36,15 @@ pub(crate) fn usage(message: impl Into<String>) -> Fault {
 pub(crate) fn failed(message: impl Into<String>) -> Fault {
     Fault {
         kind: Kind::Failed,
+        message: message.into(),
+        hint: None,
+    }
+}
+
+/// Ctrl-C or SIGTERM ended the work early.
+pub(crate) fn interrupted(message: impl Into<String>) -> Fault {
+    Fault {
+        kind: Kind::Interrupted,
         message: message.into(),
         hint: None,
     }
@@ -80,5 +91,6 @@ pub(crate) fn report(error: &anyhow::Error) -> ExitCode {
     match fault.map_or(Kind::Failed, |f| f.kind) {
         Kind::Failed => ExitCode::from(1),
         Kind::Usage => ExitCode::from(2),
+        Kind::Interrupted => ExitCode::from(130),
     }
 }

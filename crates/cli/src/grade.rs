@@ -4,6 +4,7 @@ mod batch;
 mod csv;
 mod eyes;
 mod feed;
+mod film;
 mod grader;
 mod inputs;
 mod layout;
@@ -20,6 +21,7 @@ mod text;
 
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use crate::args::Global;
 use crate::fault;
@@ -28,6 +30,7 @@ use crate::output;
 use crate::rig::{self, RigFlags};
 use crate::settings::quantity::Dimension;
 
+use batch::Event;
 use feed::{Feed, Reading};
 use grader::Grader;
 use inputs::Typed;
@@ -63,7 +66,10 @@ Examples:
   vergence grade @list.txt --format jsonl          a path a line, or two with a tab between them
 
 Folders are paired by name (left/right, _l/_r); a folder with summary.json and frames.csv is a run of vergence run.
-Exit code 0: graded; 1: an item failed, could not be judged, or is as bad as --fail-on says; 2: the call cannot be answered as typed.
+Exit code 0: graded; 1: an item failed, could not be judged, or is as bad as --fail-on says; 2: the call cannot be answered as typed; \
+130: interrupted.
+A score says how natural a picture's statistics are; the causes say whether a pair can be looked at. For a pair, name the screen: \
+without --screen-width it is 24 cm wide, seen from 70 cm.
 docs/reference-grade.md documents every field.";
 
 /// How to print.
@@ -72,9 +78,9 @@ enum GradeFormat {
     /// For people.
     #[default]
     Text,
-    /// One JSON document.
+    /// One JSON document: the item, or items and summary.
     Json,
-    /// A JSON object a line, as they come.
+    /// A JSON object a line, as they come; sequences after their frames.
     Jsonl,
     /// A row an item.
     Csv,
@@ -105,10 +111,10 @@ pub(crate) struct GradeArgs {
     /// A list of inputs, one a line; paths from the list's folder.
     #[arg(long, value_name = "FILE", help_heading = "Inputs")]
     list: Option<PathBuf>,
-    /// How one picture holds two eyes.
+    /// How one picture or a film's frame holds two eyes.
     #[arg(long, value_enum, default_value_t, help_heading = "Inputs")]
     layout: LayoutChoice,
-    /// The items are in the order of time: measure what only a sequence tells.
+    /// The items are in the order of time: measure what only a sequence tells (time between the eyes, cuts). Films need no flag.
     #[arg(long, help_heading = "Inputs")]
     sequence: bool,
     /// Of a film, grade a frame every so often; 0 is every frame.
@@ -116,7 +122,8 @@ pub(crate) struct GradeArgs {
         long,
         value_name = "TIME",
         default_value = "1s",
-        help_heading = "Inputs"
+        help_heading = "Inputs",
+        allow_hyphen_values = true
     )]
     every: String,
     /// Model that turns features into scores; see vergence model list.
@@ -125,7 +132,7 @@ pub(crate) struct GradeArgs {
     /// How to print.
     #[arg(long, value_enum, default_value_t)]
     format: GradeFormat,
-    /// Print the 88 features too.
+    /// Give the 88 features of each picture too.
     #[arg(long)]
     features: bool,
     /// Write results to this file as they come (JSON lines), and go on where an earlier call stopped.
@@ -199,13 +206,19 @@ pub(crate) fn run(global: &Global, args: &GradeArgs) -> anyhow::Result<()> {
         count,
         results,
     );
-    let feed = Feed::new(found.items, reading, options, earlier);
+    let feed = Feed::new(found.items, reading, options, earlier, Arc::clone(&stop));
     let mut page = report::Collected::new(&title(args), &grader, found.several);
-    let told = batch::run(feed, &plan, |_, mut done| {
-        if args.report.is_some() {
-            page.take(&mut done);
+    let told = batch::run(feed, &plan, |event| match event {
+        Event::Stopping(in_work) => {
+            teller.stopping(in_work);
+            Ok(())
         }
-        teller.tell(done)
+        Event::Done(mut done) => {
+            if args.report.is_some() {
+                page.take(&mut done);
+            }
+            teller.tell(done)
+        }
     });
     let interrupted = stop.load(std::sync::atomic::Ordering::Relaxed);
     let tally = teller.finish(interrupted)?;
@@ -236,7 +249,7 @@ fn verdict(args: &GradeArgs, tally: &tell::Tally, interrupted: bool) -> anyhow::
             None => "with --out FILE a later call could go on from here".to_owned(),
         };
         return Err(
-            fault::failed(format!("interrupted after {} items", tally.items))
+            fault::interrupted(format!("interrupted after {}", tally.all()))
                 .hint(hint)
                 .into(),
         );
@@ -246,15 +259,17 @@ fn verdict(args: &GradeArgs, tally: &tell::Tally, interrupted: bool) -> anyhow::
     }
     if tally.failed > 0 {
         return Err(fault::failed(format!(
-            "{} of {} items could not be graded",
-            tally.failed, tally.items
+            "{} of {} could not be graded",
+            tally.failed,
+            tally.all()
         ))
         .into());
     }
-    if tally.not_judged > 0 {
+    if tally.amiss() > 0 {
         return Err(fault::failed(format!(
-            "{} of {} pairs could not be judged",
-            tally.not_judged, tally.items
+            "{} of {} could not be judged",
+            tally.amiss(),
+            tally.all()
         ))
         .into());
     }
@@ -268,7 +283,12 @@ fn verdict(args: &GradeArgs, tally: &tell::Tally, interrupted: bool) -> anyhow::
     };
     match count {
         0 => Ok(()),
-        _ => Err(fault::failed(format!("{count} of {} items are {word}", tally.items)).into()),
+        _ => Err(fault::failed(format!(
+            "{count} of {} {} {word}",
+            tally.all(),
+            if count == 1 { "is" } else { "are" }
+        ))
+        .into()),
     }
 }
 

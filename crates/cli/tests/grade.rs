@@ -233,28 +233,31 @@ fn stereo_files_say_which_eye_is_which() {
     );
 }
 
-/// Real files of cameras.
+/// Real files of cameras, in one call so that all cores work.
 #[test]
 fn real_stereo_files_are_understood() {
     let Some(folder) = shared("stereo/sbs") else {
         return;
     };
     let place = Place::new();
-    for (name, layout, size) in [
+    let expected = [
         ("frozenpond.mpo", "mpo", [640, 480]),
         ("panasonic_gx8.mpo", "mpo", [1824, 1368]),
         ("stereopi_board1_lr.png", "side-by-side", [320, 240]),
         ("stereopi_drone_lr.png", "side-by-side", [320, 240]),
-    ] {
-        let json = place.json(&[folder.join(name).to_str().unwrap()]);
+    ];
+    let files = expected.map(|(name, ..)| folder.join(name));
+    let mut args: Vec<&str> = files.iter().map(|f| f.to_str().unwrap()).collect();
+    args.extend(["--format", "jsonl"]);
+    let done = place.grade(&args);
+    assert_eq!((done.code, done.err.as_str()), (0, ""), "{done:?}");
+    let lines = done.lines();
+    assert_eq!(lines.len(), expected.len());
+    for ((name, layout, size), json) in expected.into_iter().zip(lines) {
         assert_eq!(json["layout"]["name"], layout, "{name}: {}", json["layout"]);
         assert_eq!(json["size_px"], serde_json::json!(size), "{name}");
-        assert_ne!(
-            json["swapped"],
-            Value::Bool(true),
-            "{name}: {}",
-            json["swap"]
-        );
+        let swap = &json["swap"];
+        assert_ne!(json["swapped"], Value::Bool(true), "{name}: {swap}");
     }
 }
 
@@ -406,6 +409,45 @@ fn a_killed_call_is_gone_on_with() {
     assert_eq!(summary["summary"]["skipped"], 11);
 }
 
+/// An ordered folder gone on with: what was excused stays excused, a sequence is known by all its pictures, and one of them that changed brings a new
+/// account of the whole. A single item that is finished says so.
+#[test]
+fn an_ordered_folder_is_gone_on_with() {
+    let place = Place::new();
+    let [left, right] = pair(480, 360, 6, 8, 0);
+    place.picture("s/0_l.png", &left);
+    place.picture("s/0_r.png", &right);
+    // Two leaves with nothing in common cannot be judged as a pair.
+    place.picture("s/1_l.png", &drawn_leaves(240, 160, 1));
+    place.picture("s/1_r.png", &drawn_leaves(240, 160, 2));
+    let args = ["s", "--sequence", "--out", "s.jsonl", "--format", "json"];
+    let wholes = || {
+        let text = std::fs::read_to_string(place.path("s.jsonl")).unwrap();
+        text.matches("\"kind\":\"sequence\"").count()
+    };
+    let first = place.grade(&args);
+    assert_eq!((first.code, wholes()), (0, 1), "{first:?}");
+    let again = place.grade(&args);
+    assert_eq!((again.code, wholes()), (0, 1), "{again:?}");
+    let summary: Value = serde_json::from_str(&again.out).unwrap();
+    assert_eq!(summary["summary"]["skipped"], 3);
+    place.picture("s/0_r.png", &left);
+    let changed = place.grade(&args);
+    let summary: Value = serde_json::from_str(&changed.out).unwrap();
+    assert_eq!(summary["summary"]["skipped"], 1, "{changed:?}");
+    assert_eq!(wholes(), 2);
+
+    place.picture("leaf.png", &drawn_leaves(96, 80, 3));
+    let args = ["leaf.png", "--out", "leaf.jsonl"];
+    assert_eq!(place.grade(&args).code, 0);
+    let again = place.grade(&args);
+    assert_eq!((again.code, again.out.as_str()), (0, ""), "{again:?}");
+    assert!(
+        again.err.contains("finished by an earlier call"),
+        "{again:?}"
+    );
+}
+
 /// `--fail-on` decides about the exit code alone; the results are printed as ever.
 #[test]
 fn fail_on_is_for_scripts() {
@@ -418,7 +460,7 @@ fn fail_on_is_for_scripts() {
     let done = place.grade(&[packed, "--fail-on", "bad"]);
     assert_eq!(done.code, 1);
     assert!(
-        done.out.contains("Verdict: BAD") && done.err.contains("1 of 1 items are bad"),
+        done.out.contains("Verdict: BAD") && done.err.contains("1 of 1 item is bad"),
         "{done:?}"
     );
 }
@@ -448,11 +490,11 @@ fn bad_input_is_one_sentence() {
             photo[..photo.len() - 40].to_vec(),
             "its data break off",
         ),
-        ("huge.jpg", huge, "not a readable picture"),
+        ("huge.jpg", huge, "60000 x 60000 pixels are more than"),
         (
             "header.pgm",
             b"P5 60000 60000 255\n".to_vec(),
-            "not a readable picture",
+            "60000 x 60000 pixels are more than",
         ),
         (
             "wide.pgm",
@@ -460,7 +502,11 @@ fn bad_input_is_one_sentence() {
             "more than can be graded",
         ),
         ("flat.png", flat, "the picture is constant"),
-        ("dot.png", dot, "1 x 1 pixels"),
+        (
+            "dot.png",
+            dot,
+            "1 x 1 pixels; the index needs 45 on each side and 60 on one: ",
+        ),
         (
             "phone.heic",
             b"\0\0\0\x18ftypheic\0\0\0\0".to_vec(),
@@ -479,6 +525,7 @@ fn bad_input_is_one_sentence() {
     }
     for (args, part) in [
         (vec!["nowhere.png"], "there is no such file"),
+        (vec!["nowhere.mp4"], "there is no such file"),
         (vec![], "nothing to grade was named"),
         (
             vec!["--left", "leaf.png"],
@@ -489,6 +536,7 @@ fn bad_input_is_one_sentence() {
             "a pair needs one size",
         ),
         (vec!["leaf.png", "--every", "soon"], "--every 'soon'"),
+        (vec!["leaf.png", "--every", "-1s"], "is negative"),
         (vec!["leaf.png", "--crosstalk", "80%"], "out of range"),
         (vec!["data"], "no pictures"),
     ] {
@@ -504,6 +552,24 @@ fn an_unknown_model_is_named() {
     place.picture("leaf.png", &drawn_leaves(96, 80, 3));
     let done = place.run(&["grade", "leaf.png", "--model", "nobody"]);
     assert!(done.refused(2).contains("nobody"), "{done:?}");
+}
+
+/// A single picture whose halves look alike is no pair: a tile that repeats, under a name that promises two eyes, is graded as one picture, and
+/// that is said. Typed, the layout stands.
+#[test]
+fn a_pattern_is_one_picture() {
+    let place = Place::new();
+    // One tile again and again: every place of the left half is found in the right one, and no place is found surely.
+    let tile = drawn_leaves(40, 40, 5);
+    let pattern = Rgb::from_fn(640, 240, |x, y| tile.at(x % 40, y % 40));
+    let file = place.picture("pattern_lr.png", &pattern);
+    let file = file.to_str().unwrap();
+    let json = place.json(&[file]);
+    assert_eq!(json["kind"], "picture", "{}", json["layout"]);
+    let remark = json["remarks"][0].as_str().unwrap();
+    assert!(remark.contains("graded as one picture"), "{remark}");
+    let typed = place.grade(&[file, "--layout", "side-by-side"]);
+    assert_eq!(typed.code, 1, "{typed:?}");
 }
 
 /// Two pictures that show nothing in common, and plain ones: scores come, a verdict does not, and the exit code says so.

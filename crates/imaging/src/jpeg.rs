@@ -59,7 +59,10 @@ pub(crate) fn rgb_from_jpeg(bytes: &[u8]) -> Result<Rgb, String> {
 
 /// Width and height by the header.
 pub(crate) fn size_from_jpeg(bytes: &[u8]) -> Result<(usize, usize), String> {
-    let mut decoder = decoder(bytes);
+    // Any size that a header can give: whoever asks says what is too large, with the figures.
+    let most = usize::from(u16::MAX);
+    let options = options().set_max_width(most).set_max_height(most);
+    let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
     decoder.decode_headers().map_err(|e| e.to_string())?;
     decoder
         .dimensions()

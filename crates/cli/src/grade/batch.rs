@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel, sync_channel};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -9,10 +10,10 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 
-use super::feed::{Task, Work};
-use super::grader::Grader;
+use super::feed::{Place, Task, Work};
+use super::grader::{self, Grader};
 use super::layout::LayoutChoice;
-use super::read::{self, Content};
+use super::read::{self, Content, Pictures};
 use super::record::{Grade, Record};
 use super::results::Finished;
 
@@ -26,18 +27,26 @@ const AHEAD: usize = 64;
 /// How often a flag to stop is looked at while nothing happens.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 
+/// What is told while the work goes on.
+pub(super) enum Event {
+    /// The next task in order is done.
+    Done(Done),
+    /// The flag to stop was seen: so many tasks are still in work at most.
+    Stopping(usize),
+}
+
 /// What became of a task.
 pub(super) enum Done {
     /// Graded, or failed with a reason in the record.
     Graded(Box<Graded>),
     /// An earlier call had done it.
-    Finished(Finished),
+    Finished(Finished, Place),
 }
 
 /// A record and what a report draws.
 pub(super) struct Graded {
     pub(super) record: Record,
-    pub(super) in_sequence: bool,
+    pub(super) place: Place,
     /// The pictures and the faults of a pair, when a report wants them.
     pub(super) shown: Option<Shown>,
 }
@@ -60,12 +69,12 @@ pub(super) struct Plan<'a> {
     pub(super) stop: &'a AtomicBool,
 }
 
-/// Do all tasks and tell each in the order of the feed. When `tell` fails or the flag is set, what is in work is finished and told, and no
+/// Do all tasks and tell each in the order of the feed. When `told` fails or the flag is set, what is in work is finished and told, and no
 /// more is begun.
 pub(super) fn run(
     feed: impl Iterator<Item = Task> + Send,
     plan: &Plan<'_>,
-    mut tell: impl FnMut(usize, Done) -> anyhow::Result<()>,
+    mut told: impl FnMut(Event) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
     let gate = Gate::default();
     let stopped = AtomicBool::new(false);
@@ -96,7 +105,7 @@ pub(super) fn run(
             scope.spawn(move || work(pool, plan, tasks, gate, halt, &to_teller));
         }
         drop(to_teller);
-        let result = tell_in_order(&done, gate, &mut tell);
+        let result = tell_in_order(&done, plan, gate, &mut told);
         stopped.store(true, Ordering::Relaxed);
         // Workers that still have something to say must be heard, or the scope would not end.
         for _ in &done {}
@@ -130,12 +139,17 @@ fn work(
 
 fn tell_in_order(
     done: &Receiver<(usize, Done)>,
+    plan: &Plan<'_>,
     gate: &Gate,
-    tell: &mut impl FnMut(usize, Done) -> anyhow::Result<()>,
+    told: &mut impl FnMut(Event) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
     let mut waiting = BTreeMap::new();
     let mut next = 0;
+    let mut stopping = false;
     loop {
+        if plan.stop.load(Ordering::Relaxed) && !std::mem::replace(&mut stopping, true) {
+            told(Event::Stopping(plan.workers))?;
+        }
         match done.recv_timeout(LOOK_EVERY) {
             Ok((index, done)) => {
                 waiting.insert(index, done);
@@ -144,14 +158,14 @@ fn tell_in_order(
             Err(RecvTimeoutError::Disconnected) => break,
         }
         while let Some(done) = waiting.remove(&next) {
-            tell(next, done)?;
+            told(Event::Done(done))?;
             next += 1;
             gate.told(next);
         }
     }
     // After a stop there may be gaps.
-    for (index, done) in waiting {
-        tell(index, done)?;
+    for done in waiting.into_values() {
+        told(Event::Done(done))?;
     }
     Ok(())
 }
@@ -163,13 +177,13 @@ fn done(task: Task, plan: &Plan<'_>) -> Done {
         files,
         remarks,
         time_s,
-        in_sequence,
+        place,
         work,
         resume,
         ..
     } = task;
     if let Work::Finished(finished) = work {
-        return Done::Finished(finished);
+        return Done::Finished(finished, place);
     }
     let mut record = Record {
         item: name,
@@ -203,7 +217,7 @@ fn done(task: Task, plan: &Plan<'_>) -> Done {
     };
     Done::Graded(Box::new(Graded {
         record,
-        in_sequence,
+        place,
         shown,
     }))
 }
@@ -212,7 +226,7 @@ type Outcome = (Grade, Vec<String>, Option<Shown>);
 
 fn graded(work: Work, plan: &Plan<'_>) -> Result<Outcome, String> {
     let content = match work {
-        Work::File(path) => read::file(&path, plan.layout)?,
+        Work::File(path) => return graded_file(&path, plan),
         Work::Pair(left, right) => read::pair(&left, &right)?,
         Work::Ready(content) => *content,
         Work::Whole(collector) => {
@@ -222,13 +236,42 @@ fn graded(work: Work, plan: &Plan<'_>) -> Result<Outcome, String> {
         Work::Failed(why) => return Err(why),
         Work::Finished(_) => return Err("it is finished".to_owned()),
     };
-    let graded = plan.grader.grade(&content.pictures);
+    Ok(outcome(plan.grader.grade(&content.pictures), content, plan))
+}
+
+/// One file. Where its content alone spoke for two eyes and these turn out to be no pair, it was one picture with a pattern.
+fn graded_file(path: &Path, plan: &Plan<'_>) -> Result<Outcome, String> {
+    let content = read::file(path, plan.layout)?;
+    let graded = with_path(plan.grader.grade(&content.pictures), path);
+    let two = matches!(content.pictures, Pictures::Two { .. });
+    if !(content.guessed && two && graded.faults.is_none()) {
+        return Ok(outcome(graded, content, plan));
+    }
+    drop(content);
+    let mut content = read::file(path, LayoutChoice::Mono)?;
+    content.remarks.push(
+        "its halves look alike but cannot be matched as two eyes: graded as one picture (--layout says otherwise)"
+            .to_owned(),
+    );
+    let graded = with_path(plan.grader.grade(&content.pictures), path);
+    Ok(outcome(graded, content, plan))
+}
+
+/// An error of the index says nothing of the file; its path is put last.
+fn with_path(mut graded: grader::Graded, path: &Path) -> grader::Graded {
+    if let Grade::Failed { error } = &mut graded.grade {
+        *error = format!("{error}: {}", path.display());
+    }
+    graded
+}
+
+fn outcome(graded: grader::Graded, content: Content, plan: &Plan<'_>) -> Outcome {
     let remarks = content.remarks.clone();
     let shown = plan.keep.then_some(Shown {
         content,
         faults: graded.faults,
     });
-    Ok((graded.grade, remarks, shown))
+    (graded.grade, remarks, shown)
 }
 
 /// Keeps the work within bounds.

@@ -114,6 +114,7 @@ impl EyeMeasures {
                         "white_balance_percent": p.white_balance_percent,
                         "white_balance_sigma_percent": p.white_balance_sigma_percent,
                         "matrix": p.matrix,
+                        "shading_percent": p.shading_percent,
                         "areas": p.areas,
                     }),
                 );

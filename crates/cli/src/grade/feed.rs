@@ -2,21 +2,21 @@
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use vergence_capture::{CaptureError, Frames, OnFault, Pairer, PairingLimits};
+use vergence_capture::{CaptureError, Frames, Pairer, PairingLimits};
 use vergence_geometry::Eye;
 use vergence_imaging::{Rgb, files};
 
+use super::film::{self, Container};
 use super::grader::Screening;
 use super::inputs::{Item, Source};
-use super::layout::{self, Layout, LayoutChoice};
+use super::layout::{Layout, LayoutChoice};
 use super::read::{self, Content, Pictures};
 use super::record::{LayoutGrade, Resume};
 use super::results::{Earlier, Finished};
 use super::sequence::Collector;
-
-/// The program that decodes films.
-const FFMPEG: &str = "ffmpeg";
 
 /// One piece of work.
 pub(super) struct Task {
@@ -25,13 +25,23 @@ pub(super) struct Task {
     pub(super) remarks: Vec<String>,
     /// Of a film's frame.
     pub(super) time_s: Option<f64>,
-    /// Whether it belongs to a sequence (a film, an ordered folder).
-    pub(super) in_sequence: bool,
+    pub(super) place: Place,
     pub(super) work: Work,
     /// Pixels of one eye, by which memory is shared out.
     pub(super) pixels: usize,
     /// By what a later call knows it again.
     pub(super) resume: Option<Resume>,
+}
+
+/// Where a task stands among the items of the call.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Place {
+    /// It is an item.
+    Item,
+    /// A picture or pair of a sequence (a film, an ordered folder), after this share of it, 0 to 1, where its length is known.
+    Frame(Option<f64>),
+    /// The sequence as a whole, after its frames; the item that was named.
+    Whole,
 }
 
 /// What there is to do.
@@ -68,25 +78,38 @@ pub(super) struct Feed {
     options: Option<String>,
     earlier: Earlier,
     running: Option<Running>,
+    /// Set from outside: no more is read.
+    stop: Arc<AtomicBool>,
 }
 
 /// A sequence that is being read.
 struct Running {
     name: String,
     files: Vec<PathBuf>,
+    /// By whose state the whole is known again: the films, or all stills.
+    known_by: Vec<PathBuf>,
     remarks: Vec<String>,
     frames: FrameSource,
     next_s: f64,
     collector: Collector,
-    /// How the film's frames hold two eyes, found in the first one.
-    layout: Option<Layout>,
+    /// Length of a film in seconds, or number of stills, where it is known.
+    length: Option<f64>,
 }
 
 enum FrameSource {
-    Film(Frames),
+    /// A film, and how its frames hold two eyes.
+    Film(Frames, Layout),
     Films(Box<TwoFilms>),
     /// Pictures and pairs, and how many there have been.
     Stills(VecDeque<Item>, usize),
+}
+
+/// A sequence that was opened.
+struct Opened {
+    frames: FrameSource,
+    fps: Option<f64>,
+    length: Option<f64>,
+    layout: Option<LayoutGrade>,
 }
 
 /// A frame with its time (of stills: their number), its name where it has one of its own, and what it shows.
@@ -103,6 +126,7 @@ impl Feed {
         reading: Reading,
         options: Option<String>,
         earlier: Earlier,
+        stop: Arc<AtomicBool>,
     ) -> Self {
         Self {
             items: items.into(),
@@ -110,11 +134,27 @@ impl Feed {
             options,
             earlier,
             running: None,
+            stop,
         }
     }
 
     fn task(&self, name: String, files: Vec<PathBuf>, work: Work) -> Task {
-        let resume = self.options.as_deref().map(|o| Resume::new(o, &files));
+        let resume = self.resume(&files);
+        self.task_known_by(resume, name, files, work)
+    }
+
+    /// By what a task is known again that depends on these files.
+    fn resume(&self, files: &[PathBuf]) -> Option<Resume> {
+        self.options.as_deref().map(|o| Resume::new(o, files))
+    }
+
+    fn task_known_by(
+        &self,
+        resume: Option<Resume>,
+        name: String,
+        files: Vec<PathBuf>,
+        work: Work,
+    ) -> Task {
         let earlier = resume
             .as_ref()
             .and_then(|r| self.earlier.finished(&name, &r.files));
@@ -127,7 +167,7 @@ impl Feed {
             files,
             remarks: Vec::new(),
             time_s: None,
-            in_sequence: false,
+            place: Place::Item,
             work,
             pixels: 0,
             resume,
@@ -149,24 +189,25 @@ impl Feed {
             }
             Source::Film(path) => {
                 let files = vec![path.clone()];
-                return self.start_sequence(name, files, remarks, || {
-                    let frames = Frames::open(&path, Path::new(FFMPEG), OnFault::Refuse)?;
-                    let fps = frames.fps();
-                    Ok((FrameSource::Film(frames), Some(fps)))
-                });
+                let choice = self.reading.layout;
+                return self.start_sequence(name, files, remarks, || opened_film(&path, choice));
             }
             Source::Films(left, right) => {
                 let files = vec![left.clone(), right.clone()];
-                return self.start_sequence(name, files, remarks, || {
-                    let films = TwoFilms::open(&left, &right)?;
-                    let fps = films.fps;
-                    Ok((FrameSource::Films(Box::new(films)), Some(fps)))
-                });
+                return self.start_sequence(name, files, remarks, || opened_films(&left, &right));
             }
             Source::Sequence(items) => {
-                return self.start_sequence(name, Vec::new(), remarks, || {
-                    Ok((FrameSource::Stills(items.into(), 0), None))
+                self.running = Some(Running {
+                    name,
+                    files: Vec::new(),
+                    known_by: files_of(&items),
+                    remarks,
+                    next_s: 0.0,
+                    collector: Collector::new(None, None),
+                    length: Some(items.len() as f64),
+                    frames: FrameSource::Stills(items.into(), 0),
                 });
+                return None;
             }
         };
         task.remarks = remarks;
@@ -174,50 +215,68 @@ impl Feed {
         Some(task)
     }
 
-    /// Begin a sequence; a task only where it cannot be opened or is finished.
+    /// Begin a film; a task only where it cannot be opened or is finished.
     fn start_sequence(
         &mut self,
         name: String,
         files: Vec<PathBuf>,
         remarks: Vec<String>,
-        open: impl FnOnce() -> Result<(FrameSource, Option<f64>), CaptureError>,
+        open: impl FnOnce() -> Result<Opened, String>,
     ) -> Option<Task> {
-        // An ordered folder has no file of its own by which its state could be known.
-        if !files.is_empty() {
-            let task = self.task(name.clone(), files.clone(), Work::Failed(String::new()));
-            if matches!(task.work, Work::Finished(_)) {
-                return Some(task);
-            }
+        let mut task = self.task(name.clone(), files.clone(), Work::Failed(String::new()));
+        if matches!(task.work, Work::Finished(_)) {
+            task.place = Place::Whole;
+            return Some(task);
         }
         match open() {
-            Ok((frames, fps)) => {
+            Ok(opened) => {
                 self.running = Some(Running {
                     name,
+                    known_by: files.clone(),
                     files,
                     remarks,
-                    frames,
+                    frames: opened.frames,
                     next_s: 0.0,
-                    collector: Collector::new(fps),
-                    layout: None,
+                    collector: Collector::new(opened.fps, opened.layout),
+                    length: opened.length,
                 });
                 None
             }
-            Err(error) => Some(self.task(name, files, Work::Failed(error.to_string()))),
+            Err(why) => Some(self.whole(name, files, Work::Failed(why))),
         }
     }
 
-    /// The next graded frame of the running sequence, or the sequence as a whole at its end.
-    fn next_of(&mut self, mut running: Running) -> Task {
+    fn whole(&self, name: String, files: Vec<PathBuf>, work: Work) -> Task {
+        let mut task = self.task(name, files, work);
+        task.place = Place::Whole;
+        task
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// The next graded frame of the running sequence, or the sequence as a whole at its end; `None` when it is time to stop.
+    fn next_of(&mut self, mut running: Running) -> Option<Task> {
         loop {
-            let frame = match running.next_frame(self.reading.layout) {
+            let next = running.next_frame(self.reading.layout);
+            // Ctrl-C on a terminal ends the decoder too: what it says then is neither the film's end nor a fault of the film.
+            if self.is_stopped() {
+                return None;
+            }
+            let frame = match next {
                 Ok(Some(frame)) => frame,
                 Ok(None) => {
                     let work = Work::Whole(Box::new(running.collector));
-                    let mut task = self.task(running.name, running.files, work);
+                    let resume = self.resume(&running.known_by);
+                    let mut task = self.task_known_by(resume, running.name, running.files, work);
+                    task.place = Place::Whole;
                     task.remarks = running.remarks;
-                    return task;
+                    return Some(task);
                 }
-                Err(why) => return self.task(running.name, running.files, Work::Failed(why)),
+                Err(why) => {
+                    return Some(self.whole(running.name, running.files, Work::Failed(why)));
+                }
             };
             let Frame {
                 time_s,
@@ -228,7 +287,7 @@ impl Feed {
             if let Ok(content) = &content {
                 running
                     .collector
-                    .take(&content.pictures, &self.reading.screen);
+                    .take(&content.pictures, time_s, &self.reading.screen);
             }
             let due = time_s.is_none_or(|t| t + 1e-9 >= running.next_s);
             if !due {
@@ -238,6 +297,7 @@ impl Feed {
             if let Some(time_s) = time_s {
                 running.next_s = time_s + self.reading.every_s;
             }
+            let share = running.share(time_s);
             let name = name
                 .unwrap_or_else(|| format!("{} at {:.3} s", running.name, time_s.unwrap_or(0.0)));
             let files = files.unwrap_or_else(|| running.files.clone());
@@ -248,11 +308,11 @@ impl Feed {
             let pixels = pixels_of(&work);
             let mut task = self.task(name, files, work);
             task.time_s = time_s;
-            task.in_sequence = true;
+            task.place = Place::Frame(share);
             task.pixels = pixels;
             task.remarks.clone_from(&running.remarks);
             self.running = Some(running);
-            return task;
+            return Some(task);
         }
     }
 }
@@ -262,8 +322,11 @@ impl Iterator for Feed {
 
     fn next(&mut self) -> Option<Task> {
         loop {
+            if self.is_stopped() {
+                return None;
+            }
             if let Some(running) = self.running.take() {
-                return Some(self.next_of(running));
+                return self.next_of(running);
             }
             let item = self.items.pop_front()?;
             if let Some(task) = self.start(item) {
@@ -286,25 +349,73 @@ fn pixels_of(work: &Work) -> usize {
     w.saturating_mul(h)
 }
 
+/// All files that items name.
+fn files_of(items: &[Item]) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    for item in items {
+        match &item.source {
+            Source::File(path) | Source::Film(path) => files.push(path.clone()),
+            Source::Pair(left, right) | Source::Films(left, right) => {
+                files.extend([left.clone(), right.clone()]);
+            }
+            Source::Sequence(inner) => files.extend(files_of(inner)),
+            Source::Unusable(_) => {}
+        }
+    }
+    files
+}
+
+/// A film, with what its container and its first frames say of two eyes.
+fn opened_film(path: &Path, choice: LayoutChoice) -> Result<Opened, String> {
+    let frames = film::open(path).map_err(|e| film::said_once(&e, path))?;
+    let container = Container::of(path);
+    let layout = film::layout_of(path, &container, choice)?;
+    Ok(Opened {
+        fps: Some(frames.fps()),
+        length: container.duration_s,
+        layout: Some(LayoutGrade::from(&layout)),
+        frames: FrameSource::Film(frames, layout),
+    })
+}
+
+/// A film for each eye.
+fn opened_films(left: &Path, right: &Path) -> Result<Opened, String> {
+    let films = TwoFilms::open(left, right).map_err(|e| e.to_string())?;
+    Ok(Opened {
+        fps: Some(films.fps),
+        length: Container::of(left).duration_s,
+        layout: Some(two_films()),
+        frames: FrameSource::Films(Box::new(films)),
+    })
+}
+
+fn two_films() -> LayoutGrade {
+    LayoutGrade {
+        name: "two-files".to_owned(),
+        reason: "a film for each eye, paired by time".to_owned(),
+    }
+}
+
 impl Running {
+    /// How much of the sequence has been read, 0 to 1.
+    fn share(&self, time_s: Option<f64>) -> Option<f64> {
+        let done = match &self.frames {
+            FrameSource::Stills(_, count) => *count as f64,
+            FrameSource::Film(..) | FrameSource::Films(_) => time_s?,
+        };
+        Some((done / self.length?).clamp(0.0, 1.0))
+    }
+
     fn next_frame(&mut self, choice: LayoutChoice) -> Result<Option<Frame>, String> {
         match &mut self.frames {
-            FrameSource::Film(frames) => {
+            FrameSource::Film(frames, layout) => {
                 let Some(frame) = frames.next_frame().map_err(|e| e.to_string())? else {
                     return Ok(None);
                 };
-                let path = &self.files[0];
-                let found = match &self.layout {
-                    Some(found) => Ok(found.clone()),
-                    None => layout::of_picture(&frame.picture, path, None, choice),
-                };
-                let content = found.and_then(|found| {
-                    let pictures = read::split_as(frame.picture, &found)?;
-                    self.layout = Some(found);
-                    Ok(Content {
-                        pictures,
-                        remarks: Vec::new(),
-                    })
+                let content = read::split_as(frame.picture, layout).map(|pictures| Content {
+                    pictures,
+                    remarks: Vec::new(),
+                    guessed: false,
                 });
                 Ok(Some(Frame {
                     time_s: Some(frame.time_s),
@@ -324,12 +435,10 @@ impl Running {
                     content: Ok(Content {
                         pictures: Pictures::Two {
                             eyes,
-                            layout: LayoutGrade {
-                                name: "two-files".to_owned(),
-                                reason: "a film for each eye, paired by time".to_owned(),
-                            },
+                            layout: two_films(),
                         },
                         remarks: Vec::new(),
+                        guessed: false,
                     }),
                 }))
             }
@@ -362,7 +471,7 @@ impl Running {
     /// Give buffers back to the decoder.
     fn recycle(&self, content: Result<Content, String>) {
         if let (
-            FrameSource::Film(frames),
+            FrameSource::Film(frames, _),
             Ok(Content {
                 pictures: Pictures::One(picture),
                 ..
@@ -383,8 +492,7 @@ struct TwoFilms {
 
 impl TwoFilms {
     fn open(left: &Path, right: &Path) -> Result<Self, CaptureError> {
-        let open = |path| Frames::open(path, Path::new(FFMPEG), OnFault::Refuse);
-        let eyes = [open(left)?, open(right)?];
+        let eyes = [film::open(left)?, film::open(right)?];
         let fps = eyes[0].fps().max(eyes[1].fps());
         Ok(Self {
             pairer: Pairer::new(PairingLimits::for_fps(fps))?,

@@ -48,6 +48,9 @@ impl Screening {
     }
 }
 
+/// Names of fields that are null, each with the reason.
+type Lacking = BTreeMap<String, String>;
+
 /// A pair's result and what a report draws of it.
 pub(crate) struct Graded {
     pub(crate) grade: Grade,
@@ -90,54 +93,41 @@ impl Grader {
     }
 
     fn pair(&self, eyes: &[Rgb; 2], layout: LayoutGrade) -> Graded {
-        let mut not_judged = BTreeMap::new();
-        let grey = eyes.each_ref().map(features::grey_from_rgb);
-        let mut score = |name: &str, picture: &Gray| {
-            self.scored(picture)
-                .map_err(|why| not_judged.insert(name.to_owned(), why))
-                .ok()
-        };
-        let left = score("left", &grey[0]);
-        let right = score("right", &grey[1]);
-        let difference = score("difference", &difference(&grey[0], &grey[1]));
-        drop(grey);
+        let mut lacking = BTreeMap::new();
+        let [left, right, difference] = self.scores(eyes, &mut lacking);
         let faults = faults::measure(&eyes[0], &eyes[1], &self.conditions(eyes[0].width()));
         let faults = faults
             .map_err(|why| {
                 for group in measures::GROUPS.iter().chain(&eyes::GROUPS) {
-                    not_judged.insert((*group).to_owned(), why.to_string());
+                    lacking.insert((*group).to_owned(), why.to_string());
                 }
             })
             .ok();
         let mut measured = measures::groups(faults.as_ref());
-        let mut verdicts: Vec<VerdictEntry> = Vec::new();
-        let mut fused = None;
-        if let Some(faults) = &faults {
-            let mut found = eyes::fields(faults);
-            not_judged.append(&mut found.not_judged);
-            measured.append(&mut found.groups);
-            let (scored, shares) = self.fused(eyes, faults);
-            measured.insert("fusion", shares);
-            fused = scored
-                .map_err(|why| not_judged.insert("fused".to_owned(), why))
-                .ok();
-        } else {
-            not_judged.insert(
-                "fused".to_owned(),
-                "the pair could not be matched".to_owned(),
-            );
-        }
-        for group in measures::LATER {
-            not_judged.insert(group.0.to_owned(), group.1.to_owned());
+        let fused = match &faults {
+            Some(faults) => self.matched(eyes, faults, &mut measured, &mut lacking),
+            None => {
+                let why = "the pair could not be matched".to_owned();
+                lacking.insert("fused".to_owned(), why);
+                None
+            }
+        };
+        for (group, why) in measures::LATER {
+            lacking.insert(group.to_owned(), why.to_owned());
         }
         let worse = worse(left.as_ref(), right.as_ref());
-        if let Some(worse) = &worse {
-            let scored = if worse.eye == "left" { &left } else { &right };
+        let scored = worse.as_ref().and_then(|worse| match worse.eye {
+            "left" => left.as_ref(),
+            _ => right.as_ref(),
+        });
+        let quality = worse.as_ref().zip(scored).map(|(worse, scored)| {
             let whose = format!("the {} eye's picture, the worse one,", worse.eye);
-            verdicts.extend(scored.as_ref().map(|s| score_entry(s, &whose)));
-        }
+            score_entry(scored, &whose)
+        });
         let findings = faults.iter().flat_map(|f| &f.findings);
-        verdicts.extend(findings.map(VerdictEntry::from));
+        let verdicts: Vec<VerdictEntry> = (quality.into_iter())
+            .chain(findings.map(VerdictEntry::from))
+            .collect();
         let judged = faults.is_some() && worse.is_some();
         let verdict: Option<VerdictWord> = verdicts.iter().map(|v| v.verdict).max();
         Graded {
@@ -152,10 +142,44 @@ impl Grader {
                 measures: measured,
                 verdict: verdict.filter(|_| judged),
                 verdicts,
-                not_judged,
+                not_judged: lacking,
             })),
             faults,
         }
+    }
+
+    /// Scores of the left and the right picture and of their difference.
+    fn scores(&self, eyes: &[Rgb; 2], lacking: &mut Lacking) -> [Option<Scored>; 3] {
+        let [left, right] = eyes.each_ref().map(features::grey_from_rgb);
+        let mut score = |name: &str, picture: &Gray| {
+            let scored = self.scored(picture);
+            scored
+                .map_err(|why| lacking.insert(name.to_owned(), why))
+                .ok()
+        };
+        [
+            score("left", &left),
+            score("right", &right),
+            score("difference", &difference(&left, &right)),
+        ]
+    }
+
+    /// What only a pair whose points were matched has: measures of the dense map, and the score of the fused picture.
+    fn matched(
+        &self,
+        eyes: &[Rgb; 2],
+        faults: &PairFaults,
+        measured: &mut BTreeMap<&'static str, Value>,
+        lacking: &mut Lacking,
+    ) -> Option<Scored> {
+        let mut found = eyes::fields(faults);
+        lacking.append(&mut found.not_judged);
+        measured.append(&mut found.groups);
+        let (scored, shares) = self.fused(eyes, faults);
+        measured.insert("fusion", shares);
+        scored
+            .map_err(|why| lacking.insert("fused".to_owned(), why))
+            .ok()
     }
 
     /// Score of what the two eyes make of the pair, and how much of it stays double.

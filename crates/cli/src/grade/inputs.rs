@@ -131,11 +131,11 @@ fn named(path: &Path) -> Result<Vec<Item>, Fault> {
     if path.is_dir() {
         return folder(path);
     }
+    if !path.exists() && !names::is_address(path) {
+        return Err(not_there(path));
+    }
     if names::is_film(path) {
         return Ok(vec![item(path, Source::Film(path.to_owned()))]);
-    }
-    if !path.exists() {
-        return Err(not_there(path));
     }
     Ok(vec![item(path, Source::File(path.to_owned()))])
 }
@@ -154,15 +154,14 @@ fn two_sides(left: &Path, right: &Path) -> Result<Vec<Item>, Fault> {
         (false, false) => {}
         _ => return Err(mixed("folders, two pictures or two films")),
     }
+    let missing = |p: &&Path| !p.exists() && !names::is_address(p);
+    if let Some(missing) = [left, right].into_iter().find(missing) {
+        return Err(not_there(missing));
+    }
     let name = format!("{} + {}", left.display(), right.display());
     let source = match (names::is_film(left), names::is_film(right)) {
         (true, true) => Source::Films(left.to_owned(), right.to_owned()),
-        (false, false) => {
-            if let Some(missing) = [left, right].into_iter().find(|p| !p.exists()) {
-                return Err(not_there(missing));
-            }
-            Source::Pair(left.to_owned(), right.to_owned())
-        }
+        (false, false) => Source::Pair(left.to_owned(), right.to_owned()),
         _ => return Err(mixed("films or two pictures")),
     };
     Ok(vec![Item {

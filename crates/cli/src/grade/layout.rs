@@ -6,6 +6,7 @@ use vergence_imaging::stereo_file::{Found, Halves, Order, Packing, StereoTag};
 use vergence_imaging::{Gray, Rgb};
 
 use super::names;
+use super::record::LayoutGrade;
 
 /// What can be typed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -34,6 +35,17 @@ pub(crate) struct Layout {
     pub(crate) packing: Option<Packing>,
     /// A clause for people: "the halves show one scene".
     pub(crate) reason: String,
+    /// Only the content and the name say so.
+    pub(crate) guessed: bool,
+}
+
+impl From<&Layout> for LayoutGrade {
+    fn from(layout: &Layout) -> Self {
+        Self {
+            name: name(layout.packing).to_owned(),
+            reason: layout.reason.clone(),
+        }
+    }
 }
 
 /// Share of the places of one half that must be found again in the other for the content alone to decide.
@@ -82,27 +94,40 @@ pub(crate) fn of_picture(
     tag: Option<&Found>,
     choice: LayoutChoice,
 ) -> Result<Layout, String> {
-    if let Some(packing) = choice.packing() {
-        return Ok(Layout {
+    if let Some(layout) = without_content(path, tag, choice)? {
+        return Ok(layout);
+    }
+    Ok(by_content(picture, path).unwrap_or_else(|| Layout {
+        packing: None,
+        reason: "no tag, and it is too plain to tell by its content".to_owned(),
+        guessed: true,
+    }))
+}
+
+/// The layout as it was typed or as the file's tag or ending says; `None` where only the content can tell.
+///
+/// # Errors
+/// One clause, where the file says that it holds two eyes in a way that is not read.
+pub(crate) fn without_content(
+    path: &Path,
+    tag: Option<&Found>,
+    choice: LayoutChoice,
+) -> Result<Option<Layout>, String> {
+    let known = |packing, reason| {
+        Some(Layout {
             packing,
-            reason: "as given by --layout".to_owned(),
-        });
+            reason,
+            guessed: false,
+        })
+    };
+    if let Some(packing) = choice.packing() {
+        return Ok(known(packing, "as given by --layout".to_owned()));
     }
     if let Some(found) = tag {
         let reason = format!("by its {}", found.place);
         match &found.tag {
-            StereoTag::Packed(packing) => {
-                return Ok(Layout {
-                    packing: Some(*packing),
-                    reason,
-                });
-            }
-            StereoTag::Mono => {
-                return Ok(Layout {
-                    packing: None,
-                    reason,
-                });
-            }
+            StereoTag::Packed(packing) => return Ok(known(Some(*packing), reason)),
+            StereoTag::Mono => return Ok(known(None, reason)),
             StereoTag::NotRead(what) => {
                 return Err(format!(
                     "it holds {what} ({reason}), which is not read; --layout mono grades what is seen of it"
@@ -112,31 +137,30 @@ pub(crate) fn of_picture(
         }
     }
     if names::is_crossed_by_ending(path) {
-        return Ok(Layout {
-            packing: Some(Packing {
-                halves: Halves::SideBySide,
-                order: Order::RightFirst,
-                squeezed: false,
-                gap_px: 0,
-            }),
-            reason: "by its ending: such files are for crossed eyes unless a tag says otherwise"
-                .to_owned(),
-        });
+        let packing = Packing {
+            halves: Halves::SideBySide,
+            order: Order::RightFirst,
+            squeezed: false,
+            gap_px: 0,
+        };
+        let reason = "by its ending: such files are for crossed eyes unless a tag says otherwise";
+        return Ok(known(Some(packing), reason.to_owned()));
     }
-    Ok(by_content(picture, path))
+    Ok(None)
 }
 
-/// By what the halves show, helped by the name.
-fn by_content(picture: &Rgb, path: &Path) -> Layout {
-    let shares = [
-        share_in_common(picture, Halves::SideBySide),
-        share_in_common(picture, Halves::OverUnder),
-    ];
+/// By what the halves show, helped by the name; `None` where the picture is too plain to tell.
+pub(crate) fn by_content(picture: &Rgb, path: &Path) -> Option<Layout> {
+    let shares = [Halves::SideBySide, Halves::OverUnder].map(|h| share_in_common(picture, h));
+    if shares == [None, None] {
+        return None;
+    }
+    let shares = shares.map(|share| share.unwrap_or(0.0));
     let percent = |share: f64| format!("{:.0} %", 100.0 * share);
     if let Some((word, halves, order, squeezed)) = names::layout_in_name(path) {
         let share = shares[halves as usize];
         if share >= CONTENT_AGREES {
-            return Layout {
+            return Some(Layout {
                 packing: Some(Packing {
                     halves,
                     order,
@@ -147,7 +171,8 @@ fn by_content(picture: &Rgb, path: &Path) -> Layout {
                     "by its name (_{word}) and content: {} of one half is found in the other",
                     percent(share)
                 ),
-            };
+                guessed: true,
+            });
         }
     }
     let (halves, share, other) = if shares[0] >= shares[1] {
@@ -156,7 +181,7 @@ fn by_content(picture: &Rgb, path: &Path) -> Layout {
         (Halves::OverUnder, shares[1], shares[0])
     };
     if share >= CONTENT_DECIDES && share >= CONTENT_WINS * other {
-        return Layout {
+        return Some(Layout {
             packing: Some(Packing {
                 halves,
                 order: Order::LeftFirst,
@@ -168,16 +193,18 @@ fn by_content(picture: &Rgb, path: &Path) -> Layout {
                  assumed (--layout says otherwise)",
                 percent(share)
             ),
-        };
+            guessed: true,
+        });
     }
-    Layout {
+    Some(Layout {
         packing: None,
         reason: "no tag, and its halves show no common scene".to_owned(),
-    }
+        guessed: true,
+    })
 }
 
 /// Whether halves of this picture have a shape that no whole picture has.
-fn looks_squeezed((w, h): (usize, usize), halves: Halves) -> bool {
+pub(crate) fn looks_squeezed((w, h): (usize, usize), halves: Halves) -> bool {
     let (w, h) = (w as f64, h as f64);
     match halves {
         Halves::SideBySide => w / 2.0 / h < NARROW,
@@ -198,15 +225,16 @@ const LEAST_LIKENESS: f64 = 0.88;
 /// Places across and down.
 const PLACES: usize = 14;
 
-/// Share of the places of one half that look like a place of the other half, near the same spot but not by being plain.
-fn share_in_common(picture: &Rgb, halves: Halves) -> f64 {
+/// Share of the places of one half that look like a place of the other half, near the same spot; `None` where too few places have
+/// anything to compare.
+fn share_in_common(picture: &Rgb, halves: Halves) -> Option<f64> {
     let (w, h) = picture.size();
     let (hw, hh) = match halves {
         Halves::SideBySide => (w / 2, h),
         Halves::OverUnder => (w, h / 2),
     };
     if hw.min(hh) < 32 {
-        return 0.0;
+        return None;
     }
     let factor = (hw.max(hh) / SMALL).max(1);
     let origin = match halves {
@@ -237,10 +265,7 @@ fn share_in_common(picture: &Rgb, halves: Halves) -> f64 {
             found += usize::from(best >= LEAST_LIKENESS);
         }
     }
-    if tried < PLACES {
-        return 0.0;
-    }
-    found as f64 / tried as f64
+    (tried >= PLACES).then(|| found as f64 / tried as f64)
 }
 
 /// A part of the picture in grey, reduced by a whole factor (mean of the pixels).
@@ -352,7 +377,7 @@ fn stretched(eye: &Rgb, halves: Halves) -> Rgb {
 }
 
 /// The name of a layout as it is typed and printed.
-pub(crate) fn name(packing: Option<Packing>) -> &'static str {
+fn name(packing: Option<Packing>) -> &'static str {
     match packing {
         None => "mono",
         Some(p) => match (p.halves, p.order, p.squeezed) {

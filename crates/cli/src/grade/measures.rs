@@ -104,6 +104,7 @@ fn vertical(a: &Alignment) -> Value {
         "keystone_vertical_px": a.keystone_vertical_px.value,
         "bow_px": a.bow_px.value,
         "base_roll_deg": a.base_roll_deg.value,
+        "base_yaw_deg": a.base_yaw_deg.value,
         "residual_px": a.residual_px.value,
         "rms_px": a.vertical_rms_px,
         "p95_px": a.vertical_p95_px,
@@ -116,6 +117,7 @@ fn vertical(a: &Alignment) -> Value {
             "keystone_vertical_px": sigma(&a.keystone_vertical_px),
             "bow_px": sigma(&a.bow_px),
             "base_roll_deg": sigma(&a.base_roll_deg),
+            "base_yaw_deg": sigma(&a.base_yaw_deg),
             "residual_px": sigma(&a.residual_px),
         },
         "rig": {

@@ -24,7 +24,12 @@ pub(super) fn is_picture(path: &Path) -> bool {
 
 /// Whether the name is that of a film, or an address.
 pub(super) fn is_film(path: &Path) -> bool {
-    has_ending(path, &FILMS) || path.to_str().is_some_and(|s| s.contains("://"))
+    has_ending(path, &FILMS) || is_address(path)
+}
+
+/// Whether it is an address (rtsp://...) and no file.
+pub(super) fn is_address(path: &Path) -> bool {
+    path.to_str().is_some_and(|s| s.contains("://"))
 }
 
 /// Whether the file's ending says that it holds two eyes for viewing with crossed eyes (JPS and PNS without a tag).

@@ -16,6 +16,8 @@ pub(super) const MAX_PIXELS: usize = 50_000_000;
 pub(super) struct Content {
     pub(super) pictures: Pictures,
     pub(super) remarks: Vec<String>,
+    /// That it holds two eyes is known from its content and name alone.
+    pub(super) guessed: bool,
 }
 
 /// One eye or two.
@@ -57,12 +59,17 @@ pub(super) fn file(path: &Path, choice: LayoutChoice) -> Result<Content, String>
         return Ok(Content {
             pictures: Pictures::Two { eyes, layout },
             remarks,
+            guessed: false,
         });
     }
     let ShownPicture { picture, remarks } = shown(&bytes, path)?;
     drop(bytes);
-    let pictures = split(picture, path, tag.as_ref(), choice).map_err(at)?;
-    Ok(Content { pictures, remarks })
+    let found = layout::of_picture(&picture, path, tag.as_ref(), choice).map_err(at)?;
+    Ok(Content {
+        pictures: split_as(picture, &found).map_err(at)?,
+        remarks,
+        guessed: found.guessed,
+    })
 }
 
 /// Read the two files of a pair.
@@ -87,21 +94,8 @@ pub(super) fn pair(left: &Path, right: &Path) -> Result<Content, String> {
             },
         },
         remarks,
+        guessed: false,
     })
-}
-
-/// The eyes of a picture that is in memory, by its layout.
-///
-/// # Errors
-/// One clause.
-pub(super) fn split(
-    picture: Rgb,
-    path: &Path,
-    tag: Option<&Found>,
-    choice: LayoutChoice,
-) -> Result<Pictures, String> {
-    let found = layout::of_picture(&picture, path, tag, choice)?;
-    split_as(picture, &found)
 }
 
 /// The eyes of a picture of known layout.
@@ -114,10 +108,7 @@ pub(super) fn split_as(picture: Rgb, found: &layout::Layout) -> Result<Pictures,
     };
     Ok(Pictures::Two {
         eyes: layout::unpacked(&picture, packing)?,
-        layout: LayoutGrade {
-            name: layout::name(found.packing).to_owned(),
-            reason: found.reason.clone(),
-        },
+        layout: LayoutGrade::from(found),
     })
 }
 

@@ -166,6 +166,8 @@ pub(crate) struct PairGrade {
 /// A sequence of pictures or pairs.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct SequenceGrade {
+    /// How every frame of a film holds the eyes; `mono` for one picture.
+    pub(crate) layout: Option<LayoutGrade>,
     /// Frames that were graded.
     pub(crate) frames: usize,
     /// Pairs that were read.
@@ -214,6 +216,7 @@ impl From<Verdict> for VerdictWord {
 }
 
 impl VerdictWord {
+    /// The word in results.
     pub(crate) fn word(self) -> &'static str {
         match self {
             VerdictWord::Good => "good",
@@ -279,7 +282,7 @@ pub(crate) fn cause_id(cause: Cause) -> String {
 pub(crate) const SCORE: Limits = Limits {
     look: 35.0,
     bad: 55.0,
-    source: "this project's choice: blur of 1 px scores about 35, of 2 px about 60",
+    source: "this project's choice, from averages of the LIVE model: blur of 1 px scores 37, of 2 px 59",
 };
 
 /// The verdict on a score, with what it means. `whose` begins the sentence: "the picture".
@@ -296,8 +299,10 @@ pub(crate) fn score_entry(scored: &Scored, whose: &str) -> VerdictEntry {
     let like = format!("most like {name} ({:.0} %)", 100.0 * probability);
     let meaning = match verdict {
         VerdictWord::Good => format!("{whose} shows little or no distortion"),
-        VerdictWord::Look => format!("{whose} is visibly distorted, {like}"),
-        VerdictWord::Bad => format!("{whose} is badly distorted, {like}"),
+        VerdictWord::Look => {
+            format!("{whose} reads as distorted, or has little fine detail; {like}")
+        }
+        VerdictWord::Bad => format!("{whose} reads as badly distorted, {like}"),
     };
     VerdictEntry {
         cause: "quality".to_owned(),

@@ -33,18 +33,26 @@ pub(crate) const PAGE: &str = "index.html";
 pub(crate) struct ReportData {
     /// Heading: what was graded.
     pub(crate) title: String,
-    /// Facts below it: size, layout, model, screen; name and text.
+    /// Facts of the call below it: model, screen; name and text.
     pub(crate) facts: Vec<(String, String)>,
-    /// What one should know of how it was read.
+    /// What one should know of the call.
     pub(crate) remarks: Vec<String>,
+    /// Facts of the item whose pictures are shown: size, layout.
+    pub(crate) item_facts: Vec<(String, String)>,
+    /// What one should know of how that item was read.
+    pub(crate) item_remarks: Vec<String>,
     /// The worst verdict; `None` when it could not be judged.
     pub(crate) verdict: Option<Verdict>,
     /// The pictures.
     pub(crate) pictures: Pictures,
     /// Scores by the quality index.
     pub(crate) scores: Vec<NamedScore>,
+    /// The verdict on the item's score (of a pair the worse eye's).
+    pub(crate) quality: Option<Judged>,
     /// Causes, each with its limits and verdict.
     pub(crate) causes: Vec<Judged>,
+    /// The same of sequences as wholes.
+    pub(crate) whole: Vec<Judged>,
     /// What could not be measured, and why.
     pub(crate) not_judged: Vec<(String, String)>,
     /// Vertical disparity over the left picture.
@@ -66,10 +74,14 @@ impl ReportData {
             title: title.to_owned(),
             facts: Vec::new(),
             remarks: Vec::new(),
+            item_facts: Vec::new(),
+            item_remarks: Vec::new(),
             verdict: None,
             pictures: Pictures::None,
             scores: Vec::new(),
+            quality: None,
             causes: Vec::new(),
+            whole: Vec::new(),
             not_judged: Vec::new(),
             vertical: None,
             parallax: None,
@@ -196,10 +208,14 @@ impl Edge {
 pub(crate) struct TimeLine {
     /// What runs along it: "time / s" or "item".
     pub(crate) axis: String,
+    /// The order means something (time): the items are joined by lines.
+    pub(crate) ordered: bool,
     /// The measures beside the score, each a panel: name with unit ("vertical offset / px").
     pub(crate) measures: Vec<String>,
     /// The items by rising place.
     pub(crate) items: Vec<TimeItem>,
+    /// Scores are good up to the first and bad beyond the second.
+    pub(crate) limits: [f64; 2],
     /// Places of cuts.
     pub(crate) cuts: Vec<f64>,
 }

@@ -5,32 +5,71 @@ use serde::Serialize;
 use crate::output;
 
 use super::batch::{Done, Graded};
+use super::feed::Place;
 use super::progress::Progress;
 use super::record::{Grade, Record, SequenceGrade, Spread, VerdictWord};
-use super::results::{self, Results};
+use super::results::{self, Finished, Results};
 use super::{GradeFormat, csv, say, text};
 
 /// What there was.
 #[derive(Clone, Debug, Default, Serialize)]
 pub(super) struct Tally {
-    /// Items and frames, those of earlier calls among them.
+    /// Pictures, pairs and frames, those of earlier calls and those that failed among them; not the sequences.
     pub(super) items: usize,
     /// Finished by an earlier call and not told again.
     pub(super) skipped: usize,
-    pub(super) good: usize,
-    pub(super) look: usize,
-    pub(super) bad: usize,
+    #[serde(flatten)]
+    verdicts: Verdicts,
     /// Pairs that could not be judged.
     pub(super) not_judged: usize,
     pub(super) failed: usize,
-    /// Of all that have a score, sequences left out.
+    /// Of all items that have a score.
     pub(super) score: Option<Spread>,
+    /// Films and ordered folders as wholes.
+    sequences: Sequences,
     pub(super) interrupted: bool,
+    /// Of those that were not judged, frames of sequences of which other frames were: fades and titles are a part of every film.
+    #[serde(skip)]
+    excused: usize,
     /// Why the only item failed.
     #[serde(skip)]
     pub(super) only_failure: Option<String>,
     #[serde(skip)]
     sum: Sum,
+}
+
+/// How many sequences there were, and their verdicts.
+#[derive(Clone, Debug, Default, Serialize)]
+struct Sequences {
+    count: usize,
+    #[serde(flatten)]
+    verdicts: Verdicts,
+}
+
+/// How many have which verdict.
+#[derive(Clone, Debug, Default, Serialize)]
+struct Verdicts {
+    good: usize,
+    look: usize,
+    bad: usize,
+}
+
+impl Verdicts {
+    fn count(&mut self, verdict: VerdictWord) {
+        match verdict {
+            VerdictWord::Good => self.good += 1,
+            VerdictWord::Look => self.look += 1,
+            VerdictWord::Bad => self.bad += 1,
+        }
+    }
+
+    fn of(&self, verdict: VerdictWord) -> usize {
+        match verdict {
+            VerdictWord::Good => self.good,
+            VerdictWord::Look => self.look,
+            VerdictWord::Bad => self.bad,
+        }
+    }
 }
 
 /// A running mean with extremes.
@@ -62,22 +101,54 @@ impl Sum {
 }
 
 impl Tally {
-    /// How many have this verdict.
+    /// How many items and sequences have this verdict.
     pub(super) fn of(&self, verdict: VerdictWord) -> usize {
-        match verdict {
-            VerdictWord::Good => self.good,
-            VerdictWord::Look => self.look,
-            VerdictWord::Bad => self.bad,
+        self.verdicts.of(verdict) + self.sequences.verdicts.of(verdict)
+    }
+
+    /// Items, and sequences where there are any, in words.
+    pub(super) fn all(&self) -> String {
+        let several = |count: usize, what: &str| match count {
+            1 => format!("1 {what}"),
+            _ => format!("{count} {what}s"),
+        };
+        let items = several(self.items, "item");
+        match self.sequences.count {
+            0 => items,
+            count => format!("{items} and {}", several(count, "sequence")),
         }
     }
 
-    fn count(&mut self, verdict: Option<VerdictWord>) {
+    /// How many could not be judged that should have been.
+    pub(super) fn amiss(&self) -> usize {
+        self.not_judged - self.excused
+    }
+
+    /// One more item.
+    fn item(&mut self, verdict: Option<VerdictWord>, score: Option<f64>) {
+        self.items += 1;
+        if let Some(score) = score {
+            self.sum.take(score);
+        }
         match verdict {
-            Some(VerdictWord::Good) => self.good += 1,
-            Some(VerdictWord::Look) => self.look += 1,
-            Some(VerdictWord::Bad) => self.bad += 1,
+            Some(verdict) => self.verdicts.count(verdict),
             None => self.not_judged += 1,
         }
+    }
+
+    /// The frames of a sequence that were not judged are no failure where others were.
+    fn excuse(&mut self, running: &Running) {
+        if running.worst.is_some() {
+            self.excused += running.not_judged;
+        }
+    }
+
+    /// One more sequence; one without a verdict is no failure.
+    fn sequence(&mut self, verdict: Option<VerdictWord>) {
+        self.sequences.count += 1;
+        verdict
+            .into_iter()
+            .for_each(|v| self.sequences.verdicts.count(v));
     }
 }
 
@@ -85,6 +156,7 @@ impl Tally {
 #[derive(Default)]
 struct Running {
     frames: usize,
+    not_judged: usize,
     sum: Sum,
     worst: Option<VerdictWord>,
 }
@@ -127,34 +199,56 @@ impl Teller {
 
     /// One more is done.
     pub(super) fn tell(&mut self, done: Done) -> anyhow::Result<()> {
-        self.tally.items += 1;
-        self.progress.expect(self.tally.items);
-        match done {
-            Done::Finished(finished) => {
-                self.tally.skipped += 1;
-                self.tally.count(finished.verdict);
-                finished.score.iter().for_each(|s| self.tally.sum.take(*s));
+        let place = match done {
+            Done::Finished(finished, place) => {
+                self.finished(&finished, place);
+                place
             }
-            Done::Graded(graded) => self.graded(*graded)?,
-        }
-        self.progress.step();
+            Done::Graded(graded) => {
+                let place = graded.place;
+                self.graded(*graded)?;
+                place
+            }
+        };
+        self.progress.step(place);
         Ok(())
+    }
+
+    /// An earlier call had done it.
+    fn finished(&mut self, finished: &Finished, place: Place) {
+        self.tally.skipped += 1;
+        if !self.several {
+            say(
+                &self.progress,
+                "finished by an earlier call: its result stands in the file of --out",
+            );
+        }
+        if place == Place::Whole {
+            let running = std::mem::take(&mut self.running);
+            self.tally.excuse(&running);
+            return self.tally.sequence(finished.verdict);
+        }
+        self.tally.item(finished.verdict, finished.score);
+        if let Place::Frame(_) = place {
+            self.running.take(finished.verdict, finished.score);
+        }
     }
 
     fn graded(&mut self, graded: Graded) -> anyhow::Result<()> {
         let Graded {
-            mut record,
-            in_sequence,
-            ..
+            mut record, place, ..
         } = graded;
-        if let Grade::Sequence(sequence) = &mut record.grade {
-            std::mem::take(&mut self.running).fill(sequence);
-        } else {
-            if let Some(score) = record.score() {
-                self.tally.sum.take(score);
-            }
-            if in_sequence {
-                self.running.take(&record);
+        match place {
+            Place::Item => {}
+            // What cannot be read is a failure; what was read and cannot be judged belongs to the sequence.
+            Place::Frame(_) if is_unreadable(&record) => self.running.frames += 1,
+            Place::Frame(_) => self.running.take(record.verdict(), record.score()),
+            Place::Whole => {
+                let running = std::mem::take(&mut self.running);
+                self.tally.excuse(&running);
+                if let Grade::Sequence(sequence) = &mut record.grade {
+                    running.fill(sequence);
+                }
             }
         }
         self.count(&record);
@@ -171,27 +265,48 @@ impl Teller {
 
     /// Count, and say what went wrong.
     fn count(&mut self, record: &Record) {
-        if let Grade::Failed { error } = &record.grade {
-            self.tally.failed += 1;
-            if self.several {
+        match &record.grade {
+            Grade::Sequence(_) => self.tally.sequence(record.verdict()),
+            Grade::Failed { error } if !is_unreadable(record) => {
+                self.tally.item(None, None);
+                say(
+                    &self.progress,
+                    &format!("not judged: {}: {error}", record.item),
+                );
+            }
+            Grade::Failed { error } if self.several => {
+                self.tally.items += 1;
+                self.tally.failed += 1;
+                let error = text::without_path(error, &record.item);
                 say(&self.progress, &format!("failed: {}: {error}", record.item));
-            } else {
+            }
+            Grade::Failed { error } => {
+                self.tally.items += 1;
+                self.tally.failed += 1;
                 self.tally.only_failure = Some(error.clone());
             }
-            return;
+            Grade::Picture(_) | Grade::Pair(_) => {
+                self.tally.item(record.verdict(), record.score());
+                if let Some(why) = record.failure() {
+                    say(
+                        &self.progress,
+                        &format!("not judged: {}: {why}", record.item),
+                    );
+                }
+            }
         }
-        let sequence = matches!(record.grade, Grade::Sequence(_));
-        match record.verdict() {
-            // A sequence without a verdict of its own is no failure.
-            None if sequence => {}
-            verdict => self.tally.count(verdict),
-        }
-        if let Some(why) = record.failure() {
-            say(
-                &self.progress,
-                &format!("not judged: {}: {why}", record.item),
-            );
-        }
+    }
+
+    /// The call is to stop: say that what is in work is finished first.
+    pub(super) fn stopping(&self, in_work: usize) {
+        let what = match in_work {
+            1 => "the item".to_owned(),
+            count => format!("up to {count} items"),
+        };
+        say(
+            &self.progress,
+            &format!("stopping: {what} in work will be finished; Ctrl-C again stops at once"),
+        );
     }
 
     fn print(&mut self, record: &Record) -> anyhow::Result<()> {
@@ -252,9 +367,9 @@ impl Teller {
                     )
                 });
                 let mut parts = vec![
-                    format!("{} good", tally.good),
-                    format!("{} worth a look", tally.look),
-                    format!("{} bad", tally.bad),
+                    format!("{} good", tally.of(VerdictWord::Good)),
+                    format!("{} worth a look", tally.of(VerdictWord::Look)),
+                    format!("{} bad", tally.of(VerdictWord::Bad)),
                 ];
                 for (count, what) in [
                     (tally.not_judged, "not judged"),
@@ -265,11 +380,7 @@ impl Teller {
                         parts.push(format!("{count} {what}"));
                     }
                 }
-                output::print(&format!(
-                    "{} items: {}{spread}\n",
-                    tally.items,
-                    parts.join(", ")
-                ))?;
+                output::print(&format!("{}: {}{spread}\n", tally.all(), parts.join(", ")))?;
             }
             _ => {}
         }
@@ -277,13 +388,17 @@ impl Teller {
     }
 }
 
+/// Failed without having been decoded. A film's frame was decoded: when it fails, it is too plain for the index.
+fn is_unreadable(record: &Record) -> bool {
+    matches!(record.grade, Grade::Failed { .. }) && record.time_s.is_none()
+}
+
 impl Running {
-    fn take(&mut self, record: &Record) {
+    fn take(&mut self, verdict: Option<VerdictWord>, score: Option<f64>) {
         self.frames += 1;
-        self.worst = self.worst.max(record.verdict());
-        if let Some(score) = record.score() {
-            self.sum.take(score);
-        }
+        self.worst = self.worst.max(verdict);
+        self.not_judged += usize::from(verdict.is_none());
+        score.into_iter().for_each(|s| self.sum.take(s));
     }
 
     /// What the frames say of their sequence.

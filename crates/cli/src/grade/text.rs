@@ -118,7 +118,15 @@ fn pair(text: &mut String, record: &Record, p: &PairGrade) -> std::fmt::Result {
 }
 
 fn sequence(text: &mut String, record: &Record, s: &SequenceGrade) -> std::fmt::Result {
-    writeln!(text, "{}: {} frames graded", record.item, s.frames)?;
+    writeln!(
+        text,
+        "\n{}: the sequence as a whole, {} frames graded",
+        record.item, s.frames
+    )?;
+    if let Some(layout) = &s.layout {
+        writeln!(text, "  layout: {} ({})", layout.name, layout.reason)?;
+    }
+    remarks(text, record)?;
     if let Some(spread) = &s.score {
         writeln!(
             text,
@@ -126,8 +134,34 @@ fn sequence(text: &mut String, record: &Record, s: &SequenceGrade) -> std::fmt::
             spread.mean, spread.best, spread.worst
         )?;
     }
+    cuts(text, s)?;
     verdicts(text, &s.verdicts)?;
-    not_judged(text, &s.not_judged)
+    not_judged(text, &s.not_judged)?;
+    match s.verdict {
+        Some(verdict) => writeln!(
+            text,
+            "\nVerdict: {} (the worst of the frames and of what is said here)\n",
+            said(verdict)
+        ),
+        None => writeln!(text, "\nVerdict: none, no frame could be judged\n"),
+    }
+}
+
+/// Most cuts that are told one by one.
+const MOST_CUTS: usize = 12;
+
+fn cuts(text: &mut String, s: &SequenceGrade) -> std::fmt::Result {
+    let count = s.cuts.len() + s.more_cuts;
+    if count == 0 {
+        return Ok(());
+    }
+    let at = |cut: &serde_json::Value| match (cut["time_s"].as_f64(), cut["pair"].as_u64()) {
+        (Some(time), _) => format!("{time:.2} s"),
+        (None, frame) => format!("number {}", frame.unwrap_or(0) + 1),
+    };
+    let named: Vec<String> = s.cuts.iter().take(MOST_CUTS).map(at).collect();
+    let more = if count > named.len() { " ..." } else { "" };
+    writeln!(text, "  cuts: {count}, at {}{more}", named.join(", "))
 }
 
 fn verdicts(text: &mut String, verdicts: &[VerdictEntry]) -> std::fmt::Result {
@@ -230,6 +264,12 @@ pub(super) fn header(model: &str) -> String {
     )
 }
 
+/// An error that ends with the path of an item whose name stands before it already.
+pub(super) fn without_path<'a>(error: &'a str, item: &str) -> &'a str {
+    let shorter = error.strip_suffix(item).and_then(|e| e.strip_suffix(": "));
+    shorter.unwrap_or(error)
+}
+
 /// One line for one of many items.
 pub(super) fn row(record: &Record) -> String {
     let score = record.score().map_or("–".to_owned(), |s| format!("{s:.1}"));
@@ -241,6 +281,7 @@ pub(super) fn row(record: &Record) -> String {
         .collect();
     let mut line = format!("{score:>7}  {verdict:<8}{}", record.item);
     if let Grade::Failed { error } = &record.grade {
+        let error = without_path(error, &record.item);
         let _ = write!(line, ": {error}");
     } else if let Some(why) = record.failure() {
         let _ = write!(line, ": not judged: {why}");
@@ -255,6 +296,20 @@ pub(super) fn row(record: &Record) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A path is told once; what does not end with it stays.
+    #[test]
+    fn a_path_is_told_once() {
+        assert_eq!(
+            without_path("it breaks off: in/a.png", "in/a.png"),
+            "it breaks off"
+        );
+        assert_eq!(
+            without_path("it breaks off: in/b.png", "in/a.png"),
+            "it breaks off: in/b.png"
+        );
+        assert_eq!(without_path("in/a.png", "in/a.png"), "in/a.png");
+    }
 
     #[test]
     fn numbers_are_short() {

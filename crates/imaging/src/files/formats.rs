@@ -53,10 +53,23 @@ pub(super) fn size_from_bytes(bytes: &[u8]) -> Result<(usize, usize), String> {
     if format == ImageFormat::Jpeg {
         return jpeg::size_from_jpeg(bytes);
     }
-    let (w, h) = reader(bytes, format)
-        .into_dimensions()
-        .map_err(|e| e.to_string())?;
+    let mut reader = reader(bytes, format);
+    // Any size that a header can give: whoever asks says what is too large, with the figures.
+    let mut limits = image::Limits::default();
+    limits.max_alloc = Some(MAX_DECODE_BYTES);
+    reader.limits(limits);
+    let (w, h) = reader.into_dimensions().map_err(|e| in_words(&e))?;
     Ok((w as usize, h as usize))
+}
+
+/// What a decoder says, in words that tell what is wrong with the file.
+fn in_words(error: &image::ImageError) -> String {
+    let said = error.to_string();
+    let broken_off = ["failed to fill whole buffer", "unexpected end of file"];
+    if broken_off.iter().any(|words| said.contains(words)) {
+        return "its data break off".to_owned();
+    }
+    said
 }
 
 fn rgb_from_jpeg(bytes: &[u8]) -> Result<Rgb, String> {
@@ -125,18 +138,18 @@ fn reader(bytes: &[u8], format: ImageFormat) -> ImageReader<Cursor<&[u8]>> {
 }
 
 fn decode(bytes: &[u8]) -> Result<(DynamicImage, Orientation), String> {
+    let (w, h) = size_from_bytes(bytes)?;
+    check_size(w as u64, h as u64)?;
     let reader = reader(bytes, format_of(bytes)?);
-    let mut decoder = reader.into_decoder().map_err(|e| e.to_string())?;
-    let (w, h) = decoder.dimensions();
-    check_size(u64::from(w), u64::from(h))?;
+    let mut decoder = reader.into_decoder().map_err(|e| in_words(&e))?;
     if decoder.total_bytes() > MAX_DECODE_BYTES {
-        return Err(too_large(u64::from(w), u64::from(h)));
+        return Err(too_large(w as u64, h as u64));
     }
     if let ExtendedColorType::Cmyk8 | ExtendedColorType::Cmyk16 = decoder.original_color_type() {
         return Err(jpeg::PRINT_COLOURS.to_owned());
     }
-    let orientation = decoder.orientation().map_err(|e| e.to_string())?;
-    let picture = DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
+    let orientation = decoder.orientation().map_err(|e| in_words(&e))?;
+    let picture = DynamicImage::from_decoder(decoder).map_err(|e| in_words(&e))?;
     Ok((picture, orientation))
 }
 

@@ -13,6 +13,7 @@ use super::{
     VerticalMap, WindowStrip, readable,
 };
 use crate::grade::batch::{Done, Graded, Shown};
+use crate::grade::feed::Place;
 use crate::grade::grader::Grader;
 use crate::grade::read;
 use crate::grade::record::{Grade, PairGrade, Record, SCORE, Scored, VerdictEntry, VerdictWord};
@@ -34,6 +35,8 @@ pub(in crate::grade) struct Collected {
     /// Name with unit of each of [`DRAWN`], once one was seen.
     measures: [Option<String>; 3],
     timed: bool,
+    /// There was a sequence, or a part of one.
+    ordered: bool,
     cuts: Vec<f64>,
     /// The verdicts on sequences as a whole.
     whole: Vec<Judged>,
@@ -63,6 +66,7 @@ impl Collected {
             items: Vec::new(),
             measures: [const { None }; 3],
             timed: false,
+            ordered: false,
             cuts: Vec::new(),
             whole: Vec::new(),
             worst: None,
@@ -75,7 +79,7 @@ impl Collected {
     /// One more was done.
     pub(in crate::grade) fn take(&mut self, done: &mut Done) {
         match done {
-            Done::Finished(_) => self.finished += 1,
+            Done::Finished(..) => self.finished += 1,
             Done::Graded(graded) => self.graded(graded),
         }
     }
@@ -83,10 +87,11 @@ impl Collected {
     fn graded(&mut self, graded: &mut Graded) {
         let shown = graded.shown.take();
         let record = &graded.record;
+        self.ordered |= graded.place != Place::Item;
         if let Grade::Sequence(sequence) = &record.grade {
             self.whole.extend(sequence.verdicts.iter().map(judged));
-            let at = |cut: &Value| cut.get("time_s").and_then(Value::as_f64);
-            self.cuts.extend(sequence.cuts.iter().filter_map(at));
+            self.cuts
+                .extend(sequence.cuts.iter().filter_map(place_of_cut));
             return;
         }
         if self.several {
@@ -134,15 +139,17 @@ impl Collected {
     fn page_of(&self, record: &Record, shown: Option<Shown>) -> ReportData {
         let mut data = ReportData::new(&record.item);
         data.facts.clone_from(&self.facts);
-        data.remarks.clone_from(&record.remarks);
+        data.item_remarks.clone_from(&record.remarks);
         data.verdict = record.verdict().map(verdict);
         // The score's own verdict stands beside the score.
-        let causes = record.verdicts().iter().filter(|v| v.cause != "quality");
-        data.causes = causes.map(judged).collect();
+        let (quality, causes): (Vec<_>, Vec<_>) =
+            record.verdicts().iter().partition(|v| v.cause == "quality");
+        data.quality = quality.first().map(|v| judged(v));
+        data.causes = causes.into_iter().map(judged).collect();
         match &record.grade {
             Grade::Picture(picture) => {
                 let [w, h] = picture.size_px;
-                data.facts
+                data.item_facts
                     .push(("Size".to_owned(), format!("{w} \u{d7} {h} px")));
                 data.scores = vec![named("picture", Ok(&picture.scored), true)];
             }
@@ -173,7 +180,11 @@ impl Collected {
 
     /// All that was collected.
     pub(in crate::grade) fn finish(self) -> ReportData {
-        let mut data = self.worst.unwrap_or_else(|| ReportData::new(&self.title));
+        let mut data = self.worst.unwrap_or_else(|| {
+            let mut nothing = ReportData::new(&self.title);
+            nothing.facts.clone_from(&self.facts);
+            nothing
+        });
         if self.finished > 0 {
             let text = format!(
                 "{} items that an earlier call had finished are not shown",
@@ -185,11 +196,12 @@ impl Collected {
             data.remarks
                 .push(format!("the last {} items are not drawn", self.left_out));
         }
-        data.causes.extend(self.whole);
+        data.whole = self.whole;
         if !self.several {
             return data;
         }
-        data.verdict = self.items.iter().filter_map(|i| i.verdict).max();
+        let of_items = self.items.iter().filter_map(|i| i.verdict);
+        data.verdict = of_items.chain(data.whole.iter().map(|w| w.verdict)).max();
         data.worst_item = Some(std::mem::replace(&mut data.title, self.title));
         let known: Vec<usize> = (0..DRAWN.len())
             .filter(|m| self.measures[*m].is_some())
@@ -203,12 +215,20 @@ impl Collected {
         }
         data.time_line = Some(TimeLine {
             axis: if self.timed { "time / s" } else { "item" }.to_owned(),
+            ordered: self.ordered,
             measures: self.measures.into_iter().flatten().collect(),
+            limits: [SCORE.look, SCORE.bad],
             items,
             cuts: self.cuts,
         });
         data
     }
+}
+
+/// Where the time line shows a cut: at its time, or half an item before the first one after it.
+fn place_of_cut(cut: &Value) -> Option<f64> {
+    let time_s = cut.get("time_s").and_then(Value::as_f64);
+    time_s.or_else(|| Some(cut.get("pair")?.as_f64()? + 0.5))
 }
 
 fn verdict(word: VerdictWord) -> Verdict {
@@ -250,10 +270,10 @@ fn named(name: &str, scored: Result<&Scored, String>, limited: bool) -> NamedSco
 
 fn fill_pair(data: &mut ReportData, pair: &PairGrade) {
     let [w, h] = pair.size_px;
-    data.facts
+    data.item_facts
         .push(("Size".to_owned(), format!("{w} \u{d7} {h} px each")));
     let layout = format!("{} ({})", pair.layout.name, pair.layout.reason);
-    data.facts.push(("Layout".to_owned(), layout));
+    data.item_facts.push(("Layout".to_owned(), layout));
     for (name, scored) in [
         ("left", &pair.left),
         ("right", &pair.right),

@@ -235,6 +235,36 @@ fn histogram(
     ] {
         canvas.text((at, top - 12.0), text, &kind);
     }
+    draw_ticks(&mut canvas, (left, right), floor, axis, viewing, &x_of);
+    for (i, (rule, limits)) in bands.iter().enumerate() {
+        let y = floor + 42.0 + strip * i as f64;
+        draw_band(&mut canvas, (left, right), y, *limits, &x_of);
+        canvas.text(
+            (left + 4.0, y + 26.0),
+            rule.info().name,
+            &Type::size(11.0).colour(GREY),
+        );
+    }
+    canvas.finish_clear(
+        "Horizontal parallax",
+        &format!(
+            "{} points from {} to {} percent of the picture's width; minus is in front of the screen",
+            values.len(),
+            fixed(values.iter().copied().fold(f64::INFINITY, f64::min), 2),
+            fixed(values.iter().copied().fold(f64::NEG_INFINITY, f64::max), 2)
+        ),
+    )
+}
+
+/// The histogram's lower edge with percent and, below them, arc minutes.
+fn draw_ticks(
+    canvas: &mut Canvas,
+    (left, right): (f64, f64),
+    floor: f64,
+    axis: &Axis,
+    viewing: &Viewing,
+    x_of: &dyn Fn(f64) -> f64,
+) {
     canvas.line((left, floor), (right, floor), &Paint::line(INK, 1.0));
     let angle = Rule::AngularDisparity(AngularDisparity::ONE_DEGREE);
     for (v, label) in axis.ticks(7) {
@@ -261,24 +291,6 @@ fn histogram(
             );
         }
     }
-    for (i, (rule, limits)) in bands.iter().enumerate() {
-        let y = floor + 42.0 + strip * i as f64;
-        draw_band(&mut canvas, (left, right), y, *limits, &x_of);
-        canvas.text(
-            (left + 4.0, y + 26.0),
-            rule.info().name,
-            &Type::size(11.0).colour(GREY),
-        );
-    }
-    canvas.finish_clear(
-        "Horizontal parallax",
-        &format!(
-            "{} points from {} to {} percent of the picture's width; minus is in front of the screen",
-            values.len(),
-            fixed(values.iter().copied().fold(f64::INFINITY, f64::min), 2),
-            fixed(values.iter().copied().fold(f64::NEG_INFINITY, f64::max), 2)
-        ),
-    )
 }
 
 fn draw_band(
@@ -351,14 +363,28 @@ fn stack(line: &TimeLine, width: f64) -> Figure {
         decimated(&all.collect::<Vec<_>>())
     };
     let score = points(&|i| items[i].score);
-    let y = Axis::around("score (0 best)", score.iter().map(|p| p.1), &[0.0, 50.0]);
+    let [look, bad] = line.limits;
+    let y = Axis::around(
+        "score (0 best)",
+        score.iter().map(|p| p.1),
+        &[0.0, 1.1 * bad],
+    );
     let drawn = |points: Vec<(f64, f64)>| {
-        let few = points.len() <= 40;
-        let line = Series::new("", points.clone()).colour(BLUE);
-        let dots = Series::new("", points).colour(BLUE).stroke(Stroke::Points);
-        if few { vec![line, dots] } else { vec![line] }
+        let joined = line
+            .ordered
+            .then(|| Series::new("", points.clone()).colour(BLUE));
+        let dotted = points.len() <= 40 || !line.ordered;
+        let dots = dotted.then(|| Series::new("", points).colour(BLUE).stroke(Stroke::Points));
+        joined.into_iter().chain(dots).collect()
     };
-    let mut panels = vec![Panel::new(y, drawn(score))];
+    let mut scores = Panel::new(y, drawn(score));
+    scores.levels = [("good to here", look), ("bad from here", bad)]
+        .map(|(label, at)| Level {
+            label: label.to_owned(),
+            at,
+        })
+        .into();
+    let mut panels = vec![scores];
     for (m, name) in line.measures.iter().enumerate().take(6) {
         let values = points(&|i| items[i].measures.get(m).copied().flatten());
         let y = Axis::around(name, values.iter().map(|p| p.1), &[0.0]);
@@ -368,7 +394,10 @@ fn stack(line: &TimeLine, width: f64) -> Figure {
         panels.push(panel);
     }
     let ends = [items.first(), items.last()].map(|i| i.map_or(0.0, |i| i.at));
-    let mut stack = Stack::new("", "", Axis::linear(&line.axis, ends[0], ends[1]), panels);
+    // Points by themselves are drawn whole.
+    let margin = if line.ordered { 0.0 } else { 0.5 };
+    let x = Axis::linear(&line.axis, ends[0] - margin, ends[1] + margin);
+    let mut stack = Stack::new("", "", x, panels);
     let step = line.cuts.len().div_ceil(24).max(1);
     let cut = |(i, at): (usize, &f64)| Level {
         label: if i == 0 {

@@ -38,10 +38,11 @@ pub(super) fn html(data: &ReportData) -> anyhow::Result<String> {
                 }
                 main {
                     (sections::time_line(data))
-                    @if let Some(name) = &data.worst_item { h2.item { "The worst item: " (name) } }
+                    (sections::causes("The sequence as a whole", "whole", &data.whole))
+                    (sections::worst_item(data))
                     (pictures)
                     (sections::scores(&data.scores))
-                    (sections::causes(&data.causes))
+                    (sections::causes("What was measured", "source", &data.causes))
                     (sections::plots(data, backdrop.as_ref()))
                     (sections::not_judged(&data.not_judged))
                     (how_to_read())

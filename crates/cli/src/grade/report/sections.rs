@@ -12,6 +12,9 @@ use super::{Judged, NamedScore, Pictures, ReportData, TimeItem};
 /// Rows of the table of items before the rest is left out.
 const MOST_ROWS: usize = 60;
 
+/// Causes that are named at the top.
+const MOST_LEADING: usize = 4;
+
 /// Longest text of an item or a reason, characters.
 const MOST_CHARS: usize = 300;
 
@@ -40,18 +43,14 @@ fn cut(text: &str) -> String {
     out
 }
 
-/// Title, verdict, facts and remarks.
+/// Title, verdict, what stands out, facts and remarks.
 pub(super) fn heading(data: &ReportData) -> Markup {
     let line = data.time_line.as_ref();
+    let judged = || data.quality.iter().chain(&data.causes);
     let counted = |v: Verdict| match line {
         Some(line) => line.items.iter().filter(|i| i.verdict == Some(v)).count(),
-        None => data.causes.iter().filter(|c| c.verdict == v).count(),
+        None => judged().filter(|c| c.verdict == v).count(),
     };
-    // What stands out is said of one item; of several the line says it.
-    let worst: Vec<&Judged> = (data.causes.iter().filter(|_| line.is_none()))
-        .filter(|c| Some(c.verdict) == data.verdict && c.verdict != Verdict::Good)
-        .take(3)
-        .collect();
     html! {
         p.kicker { "vergence grade" }
         h1 { (cut(&data.title)) }
@@ -61,7 +60,7 @@ pub(super) fn heading(data: &ReportData) -> Markup {
                     (badge(verdict))
                     @if line.is_some() || !data.causes.is_empty() {
                         span.counts {
-                            @if let Some(line) = line { (line.items.len()) " items: " }
+                            @if let Some(line) = line { (line.items.len()) " items: " } @else { "measured: " }
                             (counted(Verdict::Good)) " good, " (counted(Verdict::Look)) " worth a look, " (counted(Verdict::Bad)) " bad"
                         }
                     }
@@ -69,26 +68,70 @@ pub(super) fn heading(data: &ReportData) -> Markup {
                 None => span.badge.none { "not judged" },
             }
         }
+        // What stands out is said of one item; of several the line says it.
+        @if line.is_none() { (lead(data)) (facts(&[&data.facts, &data.item_facts])) (remarks(&data.item_remarks)) }
+        @else { (facts(&[&data.facts])) }
+        (remarks(&data.remarks))
+    }
+}
+
+/// What the score means, and the causes that are as bad as the whole.
+fn lead(data: &ReportData) -> Markup {
+    let worst: Vec<&Judged> = (data.causes.iter())
+        .filter(|c| Some(c.verdict) == data.verdict && c.verdict != Verdict::Good)
+        .collect();
+    html! {
+        @if let Some(quality) = &data.quality {
+            p.lead { (cut(&sentence(&quality.meaning))) ": score " strong { (tenths(quality.value)) } " (0 best \u{2026} 100 worst)." }
+        }
         @if !worst.is_empty() {
             p.lead {
-                @for (i, cause) in worst.iter().enumerate() {
+                @for (i, cause) in worst.iter().take(MOST_LEADING).enumerate() {
                     @if i > 0 { "; " }
                     (cause.name) " " strong { (short(cause.value)) "\u{a0}" (cause.unit) }
                 }
+                @if worst.len() > MOST_LEADING { "; and " (worst.len() - MOST_LEADING) " more" }
                 "."
             }
         }
-        @if !data.facts.is_empty() {
-            dl.facts {
-                @for (name, text) in &data.facts {
-                    div { dt { (name) } dd { (cut(text)) } }
-                }
-            }
-        }
-        @for remark in &data.remarks {
-            p.remark { (cut(remark)) }
+    }
+}
+
+/// With a capital letter.
+fn sentence(text: &str) -> String {
+    let mut letters = text.chars();
+    let first: String = letters
+        .next()
+        .into_iter()
+        .flat_map(char::to_uppercase)
+        .collect();
+    first + letters.as_str()
+}
+
+/// Of several items the one that is shown: its name, facts and remarks.
+pub(super) fn worst_item(data: &ReportData) -> Markup {
+    html! {
+        @if let Some(name) = &data.worst_item {
+            h2.item { "The worst item: " (cut(name)) }
+            (facts(&[&data.item_facts]))
+            (remarks(&data.item_remarks))
         }
     }
+}
+
+fn facts(groups: &[&Vec<(String, String)>]) -> Markup {
+    let all: Vec<&(String, String)> = groups.iter().copied().flatten().collect();
+    html! {
+        @if !all.is_empty() {
+            dl.facts {
+                @for (name, text) in all { div { dt { (name) } dd { (cut(text)) } } }
+            }
+        }
+    }
+}
+
+fn remarks(remarks: &[String]) -> Markup {
+    html! { @for remark in remarks { p.remark { (cut(remark)) } } }
 }
 
 fn img(picture: &Embedded, alt: &str) -> Markup {
@@ -215,8 +258,8 @@ fn classes_text(score: &vergence_quality::Score) -> String {
         .join(", ")
 }
 
-/// The causes with value, gauge, verdict, meaning and limits; the worst first.
-pub(super) fn causes(causes: &[Judged]) -> Markup {
+/// The causes with value, gauge, verdict, meaning and limits; the worst first. `id` keeps the notes of two tables apart.
+pub(super) fn causes(heading: &str, id: &str, causes: &[Judged]) -> Markup {
     if causes.is_empty() {
         return html! {};
     }
@@ -230,22 +273,22 @@ pub(super) fn causes(causes: &[Judged]) -> Markup {
     }
     let note = |c: &Judged| 1 + sources.iter().position(|s| *s == c.source).unwrap_or(0);
     html! {
-        section.card aria-label="What was measured" {
-            h2 { "What was measured" }
+        section.card aria-label=(heading) {
+            h2 { (heading) }
             table.causes {
                 thead { tr {
                     th scope="col" { "Cause" } th scope="col" { "Value" } th scope="col" { "good | look | bad" }
                     th scope="col" { "Meaning" } th scope="col" { "Limits" }
                 } }
-                tbody { @for cause in &sorted { (cause_row(cause, note(cause))) } }
+                tbody { @for cause in &sorted { (cause_row(cause, id, note(cause))) } }
             }
             p.direction { "Where the limits come from:" }
-            ol.sources { @for (i, source) in sources.iter().enumerate() { li id=(format!("source-{}", i + 1)) { (cut(source)) } } }
+            ol.sources { @for (i, source) in sources.iter().enumerate() { li id=(format!("{id}-{}", i + 1)) { (cut(source)) } } }
         }
     }
 }
 
-fn cause_row(c: &Judged, note: usize) -> Markup {
+fn cause_row(c: &Judged, id: &str, note: usize) -> Markup {
     let gauge = Gauge {
         name: &c.name,
         value: c.value,
@@ -267,7 +310,7 @@ fn cause_row(c: &Judged, note: usize) -> Markup {
             td.meaning data-label="Meaning" { (cut(&c.meaning)) }
             td.source data-label="Limits" {
                 "good up to " (short(c.look)) ", bad beyond " (short(c.bad)) "\u{a0}" (c.unit) " "
-                a.note href=(format!("#source-{note}")) aria-label=(format!("source {note}")) { "[" (note) "]" }
+                a.note href=(format!("#{id}-{note}")) aria-label=(format!("source {note}")) { "[" (note) "]" }
             }
         }
     }
@@ -343,15 +386,16 @@ pub(super) fn time_line(data: &ReportData) -> Markup {
     let mut rows: Vec<&TimeItem> = line.items.iter().collect();
     rows.sort_by_key(rank);
     rows.truncate(MOST_ROWS);
+    let heading = if line.ordered { "Sequence" } else { "Items" };
     let failed = line.items.iter().filter(|i| i.failure.is_some()).count();
     html! {
-        section.card aria-label="Sequence" {
-            h2 { "Sequence" }
+        section.card aria-label=(heading) {
+            h2 { (heading) }
             p.direction {
                 (line.items.len()) " items"
                 @if failed > 0 { ", " (failed) " of them not graded" }
                 "; scores 0 best \u{2026} 100 worst"
-                @if !line.cuts.is_empty() { "; dashed: " (line.cuts.len()) " cuts" }
+                @if !line.cuts.is_empty() { "; dashed: " (line.cuts.len()) @if line.cuts.len() == 1 { " cut" } @else { " cuts" } }
             }
             (figures::time_line(line))
             details open[rows.len() <= 12] {

@@ -160,6 +160,8 @@ fn film(frames: usize) -> ReportData {
     };
     data.time_line = Some(TimeLine {
         axis: "time / s".to_owned(),
+        ordered: true,
+        limits: [35.0, 55.0],
         measures: vec![
             "vertical offset / px".to_owned(),
             "nearest parallax / %".to_owned(),
