@@ -6,7 +6,7 @@
 
 use nalgebra::{Isometry3, Translation3};
 use serde::Deserialize;
-use vergence_geometry::{Camera, Distortion, Intrinsics};
+use vergence_geometry::{BrownConrady, Camera, Distortion, Intrinsics};
 
 use crate::rig::{CameraPose, rotation_from_rows};
 use crate::{CalibError, RigCalibration};
@@ -232,7 +232,7 @@ fn distortion(c: &[f64]) -> Result<Distortion, String> {
         ));
     }
     let at = |i: usize| c.get(i).copied().unwrap_or(0.0);
-    Ok(Distortion {
+    Ok(Distortion::from(BrownConrady {
         k1: at(0),
         k2: at(1),
         p1: at(2),
@@ -241,5 +241,5 @@ fn distortion(c: &[f64]) -> Result<Distortion, String> {
         k4: at(5),
         k5: at(6),
         k6: at(7),
-    })
+    }))
 }

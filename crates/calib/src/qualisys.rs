@@ -10,7 +10,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Translation3, Vector3};
 use roxmltree::Node;
-use vergence_geometry::{Camera, Distortion, Intrinsics};
+use vergence_geometry::{BrownConrady, Camera, Distortion, Intrinsics};
 
 use crate::rig::{CameraPose, MAX_SIDE, rotation_from_rows};
 use crate::{CalibError, RigCalibration};
@@ -176,14 +176,14 @@ fn camera(node: Node<'_, '_>) -> Result<Camera, String> {
             cx: px("centerPointU")?,
             cy: (height as f64 - 1.0) - px("centerPointV")?,
         },
-        distortion: Distortion {
+        distortion: Distortion::from(BrownConrady {
             k1: n("radialDistortion1")?,
             k2: n("radialDistortion2")?,
             k3: n("radialDistortion3")?,
             p1: -n("tangentalDistortion1")?,
             p2: n("tangentalDistortion2")?,
-            ..Distortion::NONE
-        },
+            ..BrownConrady::NONE
+        }),
     })
 }
 

@@ -145,14 +145,12 @@ fn check_camera(pose: &CameraPose) -> Result<Vec<String>, CalibError> {
         })
     };
     let k = &pose.camera.intrinsics;
-    let d = &pose.camera.distortion;
     let t = pose.rig_from_cam.translation.vector;
     let q = pose.rig_from_cam.rotation.coords;
-    let numbers = [
-        k.fx, k.fy, k.cx, k.cy, d.k1, d.k2, d.p1, d.p2, d.k3, d.k4, d.k5, d.k6,
-    ];
+    let numbers = [k.fx, k.fy, k.cx, k.cy];
     if let Some(bad) = numbers
         .iter()
+        .chain(&pose.camera.distortion.coefficients())
         .chain(t.iter())
         .chain(q.iter())
         .find(|v| !v.is_finite())

@@ -11,7 +11,7 @@ use nalgebra::{
     Isometry3, Matrix3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector3,
 };
 use vergence_calib::{CalibError, CameraPose, RigCalibration};
-use vergence_geometry::{Camera, Distortion, Eye, Intrinsics};
+use vergence_geometry::{BrownConrady, Camera, Distortion, Eye, Intrinsics};
 
 fn camera() -> Camera {
     Camera {
@@ -23,14 +23,14 @@ fn camera() -> Camera {
             cx: 634.125,
             cy: 407.75,
         },
-        distortion: Distortion {
+        distortion: Distortion::from(BrownConrady {
             k1: -0.05,
             k2: 0.1,
             p1: 5e-4,
             p2: -3e-4,
             k3: 0.01,
-            ..Distortion::NONE
-        },
+            ..BrownConrady::NONE
+        }),
     }
 }
 
@@ -150,7 +150,8 @@ fn depthai(
     camera_type: i64,
 ) -> (String, [Isometry3<f64>; 2]) {
     let k = camera().intrinsics;
-    let d = camera().distortion;
+    let mut lens = camera().distortion;
+    let d = lens.brown_conrady_mut().unwrap();
     let to_two = UnitQuaternion::from_euler_angles(0.01, -0.03, 0.02);
     let rows = |m: &Matrix3<f64>| {
         format!(
@@ -482,9 +483,18 @@ fn impossible_lenses_are_refused() {
         RigCalibration::from_poses(left, pose("east", [0.0; 3], [0.1, 0.0, 0.0]))
     };
     let changes: [(Change, &str); 7] = [
-        (|c| c.distortion.k1 = -9.0, "cannot be undone over"),
-        (|c| c.distortion.k2 = -1e9, "cannot be undone over"),
-        (|c| c.distortion.p1 = 1e4, "cannot be undone over"),
+        (
+            |c| c.distortion.brown_conrady_mut().unwrap().k1 = -9.0,
+            "cannot be undone over",
+        ),
+        (
+            |c| c.distortion.brown_conrady_mut().unwrap().k2 = -1e9,
+            "cannot be undone over",
+        ),
+        (
+            |c| c.distortion.brown_conrady_mut().unwrap().p1 = 1e4,
+            "cannot be undone over",
+        ),
         (|c| c.intrinsics.cx = 3e6, "principal point is (3e6, "),
         (|c| c.intrinsics.cy = -801.0, "more than a picture beside"),
         (|c| c.intrinsics.fx = 1e-200, "focal lengths are 1e-200"),
@@ -500,10 +510,10 @@ fn impossible_lenses_are_refused() {
 
     // k1 = -0.4 folds at r = 0.913, where the distorted radius is 0.609: the corners at 0.93 have no rays.
     let rig = with(|c| {
-        c.distortion = Distortion {
+        c.distortion = Distortion::from(BrownConrady {
             k1: -0.4,
-            ..Distortion::NONE
-        }
+            ..BrownConrady::NONE
+        })
     })
     .unwrap();
     assert!(

@@ -2,7 +2,7 @@
 
 use vergence_capture::TwinConfig;
 use vergence_control::{AxisConfig, AxisLimits, AxisName, HeadConfig};
-use vergence_geometry::{Camera, Distortion, HeadGeometry, Intrinsics};
+use vergence_geometry::{BrownConrady, Camera, Distortion, HeadGeometry, Intrinsics};
 use vergence_scene::{Light, PathSpec, TwinCamera, read_waypoints};
 
 use crate::fault;
@@ -63,7 +63,7 @@ fn cameras(settings: &Settings, light: Light) -> anyhow::Result<[TwinCamera; 2]>
                 fy: n("focal_length") / (n("sensor_height") / size.1 as f64),
                 ..Intrinsics::from_sensor(n("focal_length"), n("sensor_width"), size.0, size.1)
             },
-            distortion: Distortion {
+            distortion: Distortion::from(BrownConrady {
                 k1: n("k1"),
                 k2: n("k2"),
                 p1: n("p1"),
@@ -72,7 +72,7 @@ fn cameras(settings: &Settings, light: Light) -> anyhow::Result<[TwinCamera; 2]>
                 k4: n("k4"),
                 k5: n("k5"),
                 k6: n("k6"),
-            },
+            }),
         },
         exposure_s: settings
             .number_or_auto("camera.exposure")

@@ -23,7 +23,7 @@ pub mod planning;
 pub mod viewing;
 
 pub use array::{Mode, ModeKind, Sensor, StereoArray, View, Views};
-pub use camera::{Camera, Distortion, Intrinsics};
+pub use camera::{BrownConrady, Camera, Distortion, Intrinsics, KannalaBrandt};
 pub use error::{GeometryError, Result};
 pub use head::{Eye, HeadAngles, HeadGeometry};
 pub use viewing::{Parallax, Screen, Seen, Sight, State, Viewer};

@@ -1,7 +1,7 @@
 //! A simulated camera: lens, exposure, sensor.
 
 use serde::{Deserialize, Serialize};
-use vergence_geometry::{Camera, Distortion, Intrinsics};
+use vergence_geometry::{BrownConrady, Camera, Distortion, Intrinsics};
 
 use crate::error::SceneError;
 use crate::world::Light;
@@ -41,13 +41,13 @@ impl Default for TwinCamera {
         Self {
             camera: Camera {
                 intrinsics: Intrinsics::from_sensor(0.0065, 0.0048, 1024, 768),
-                distortion: Distortion {
+                distortion: Distortion::from(BrownConrady {
                     k1: -0.08,
                     k2: 0.02,
                     p1: 3e-4,
                     p2: -2e-4,
-                    ..Distortion::NONE
-                },
+                    ..BrownConrady::NONE
+                }),
             },
             exposure_s: 0.004,
             motion_blur: true,

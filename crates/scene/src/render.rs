@@ -455,7 +455,7 @@ impl RayTable {
             .collect();
         let rays = rays.ok_or(SceneError::Camera {
             setting: "distortion.k1",
-            value: camera.distortion.k1,
+            value: camera.distortion.coefficients()[0],
             expected: "coefficients whose distortion does not fold over within the picture",
         })?;
         let (nx, ny) = rays.into_iter().unzip();

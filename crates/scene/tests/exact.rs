@@ -78,7 +78,9 @@ fn closed_form(p: &Point3<f64>, side: f64, convergence_m: f64) -> [f64; 2] {
 
 /// Brown (1971) over the denominator of Claus and Fitzgibbon (2005), written out again.
 fn pixel(n: [f64; 2], camera: &TwinCamera) -> [f64; 2] {
-    let (k, d) = (&camera.camera.intrinsics, &camera.camera.distortion);
+    let k = &camera.camera.intrinsics;
+    let mut lens = camera.camera.distortion;
+    let d = lens.brown_conrady_mut().unwrap();
     let [x, y] = n;
     let r2 = x * x + y * y;
     let radial = (1.0 + d.k1 * r2 + d.k2 * r2 * r2 + d.k3 * r2 * r2 * r2)
@@ -303,7 +305,7 @@ fn in_head(p: &Point3<f64>, pan: f64, tilt: f64) -> Point3<f64> {
 #[test]
 fn marks_are_where_the_model_says_when_the_head_is_turned() {
     let mut camera = TwinCamera::ideal(TwinCamera::default().camera);
-    let d = &mut camera.camera.distortion;
+    let d = camera.camera.distortion.brown_conrady_mut().unwrap();
     (d.k1, d.k2, d.k3) = (0.12, -0.05, 0.02);
     (d.k4, d.k5, d.k6) = (0.2, 0.03, 0.01);
     let (pupil_m, vergence) = (0.02, [0.03, -0.05]);

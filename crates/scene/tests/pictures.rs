@@ -231,7 +231,10 @@ fn settings_out_of_range_are_refused() {
         (&|c| c.vignetting = 2.0, "vignetting"),
         (&|c| c.camera.intrinsics.fx = 0.0, "fx"),
         (&|c| c.camera.intrinsics.width = 0, "width"),
-        (&|c| c.camera.distortion.k1 = -9.0, "distortion"),
+        (
+            &|c| c.camera.distortion.brown_conrady_mut().unwrap().k1 = -9.0,
+            "distortion",
+        ),
     ] {
         let message = bad(change).unwrap();
         assert!(message.contains(word), "{message}");

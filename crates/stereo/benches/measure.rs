@@ -6,7 +6,7 @@ mod synthetic;
 
 use nalgebra::Point3;
 use synthetic::{SENSOR, Scene, Shape, camera, rig};
-use vergence_geometry::{Distortion, HeadAngles};
+use vergence_geometry::{BrownConrady, Distortion, HeadAngles};
 use vergence_stereo::measure::{MatchSettings, Matcher};
 
 fn main() {
@@ -15,11 +15,11 @@ fn main() {
 
 #[divan::bench(args = [1.5, 3.0, 10.0])]
 fn measure(bencher: divan::Bencher, distance_m: f64) {
-    let mild = Distortion {
+    let mild = Distortion::from(BrownConrady {
         k1: -0.1,
         k2: 0.03,
-        ..Distortion::NONE
-    };
+        ..BrownConrady::NONE
+    });
     let rig = rig([camera(mild); 2], &HeadAngles::default());
     let scene = Scene {
         shape: Shape::Torso,

@@ -325,6 +325,7 @@ mod tests {
     //! orientations put the target in both centres with level epipolar lines, at any angle between the cameras.
     use super::*;
     use nalgebra::{Isometry3, Translation3};
+    use vergence_geometry::BrownConrady;
     use vergence_imaging::Gray;
 
     fn wide() -> Camera {
@@ -338,7 +339,7 @@ mod tests {
                 cx: 317.0,
                 cy: 203.6,
             },
-            distortion: Distortion {
+            distortion: Distortion::from(BrownConrady {
                 k1: -9.209_368_705_749_512,
                 k2: 65.291_816_711_425_78,
                 p1: -5.2e-5,
@@ -347,7 +348,7 @@ mod tests {
                 k4: -9.287_524_223_327_637,
                 k5: 65.543_220_520_019_53,
                 k6: -87.828_269_958_496_1,
-            },
+            }),
         }
     }
 

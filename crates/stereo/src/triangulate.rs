@@ -252,16 +252,16 @@ mod tests {
     use super::*;
     use nalgebra::{Translation3, UnitQuaternion};
     use proptest::prelude::*;
-    use vergence_geometry::{Distortion, Intrinsics};
+    use vergence_geometry::{BrownConrady, Distortion, Intrinsics};
 
     fn camera(k1: f64) -> Camera {
         Camera {
             intrinsics: Intrinsics::from_sensor(0.0065, 0.0048, 1024, 768),
-            distortion: Distortion {
+            distortion: Distortion::from(BrownConrady {
                 k1,
                 p2: 2e-4,
-                ..Distortion::NONE
-            },
+                ..BrownConrady::NONE
+            }),
         }
     }
 

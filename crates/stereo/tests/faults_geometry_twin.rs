@@ -55,7 +55,7 @@ fn camera(off: &Off) -> TwinCamera {
     if off.straight {
         twin.camera.distortion = Distortion::NONE;
     }
-    twin.camera.distortion.k1 += off.k1;
+    twin.camera.distortion.brown_conrady_mut().unwrap().k1 += off.k1;
     twin
 }
 

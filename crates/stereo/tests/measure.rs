@@ -11,20 +11,20 @@ mod synthetic;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Translation3, UnitQuaternion, Vector3};
 use synthetic::{Pair, Rig, SENSOR, Scene, Shape, camera, cloth, rig};
 use vergence_calib::RigCalibration;
-use vergence_geometry::{Camera, Distortion, HeadAngles, Intrinsics};
+use vergence_geometry::{BrownConrady, Camera, Distortion, HeadAngles, Intrinsics};
 use vergence_imaging::Gray;
 use vergence_imaging::pyramid::Pyramid;
 use vergence_stereo::measure::{MatchSettings, Matcher, Prior, Refusal, Region, Report, View};
 
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
-fn mild() -> Distortion {
-    Distortion {
+fn mild() -> BrownConrady {
+    BrownConrady {
         k1: -0.10,
         k2: 0.03,
         p1: 4e-4,
         p2: -3e-4,
-        ..Distortion::NONE
+        ..BrownConrady::NONE
     }
 }
 
@@ -47,11 +47,11 @@ fn turned(pan: f64, vergence: f64) -> Rig {
         right: -vergence,
     };
     // The two lenses differ, as real ones do.
-    let other = Distortion {
+    let other = Distortion::from(BrownConrady {
         k1: -0.11,
         ..mild()
-    };
-    rig([camera(mild()), camera(other)], &angles)
+    });
+    rig([camera(mild().into()), camera(other)], &angles)
 }
 
 fn measured(pair: &Pair, region: &Region, prior: Option<&Prior>) -> Report {

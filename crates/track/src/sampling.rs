@@ -270,7 +270,7 @@ pub(crate) fn bilinear_clamped(picture: &Gray, u: f32, v: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use vergence_geometry::{Distortion, Intrinsics};
+    use vergence_geometry::{BrownConrady, Distortion, Intrinsics};
 
     /// A lens that folds beyond 45 degrees: inside it is the model itself, beyond there is a place for every direction, farther out the
     /// farther it points, and without a jump at the edge.
@@ -278,10 +278,10 @@ mod tests {
     fn beyond_the_lens_model_it_goes_straight_on() {
         let camera = Camera {
             intrinsics: Intrinsics::from_sensor(0.0065, 0.0048, 1024, 768),
-            distortion: Distortion {
+            distortion: Distortion::from(BrownConrady {
                 k1: -0.35,
-                ..Distortion::NONE
-            },
+                ..BrownConrady::NONE
+            }),
         };
         let u = |tangent: f64| {
             project_or_extend(&camera, &Point3::new(2.0 * tangent, 0.0, 2.0)).map(|p| p.x)

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use vergence_calib::RigCalibration;
-use vergence_geometry::{Camera, Distortion, Intrinsics};
+use vergence_geometry::{BrownConrady, Camera, Distortion, Intrinsics};
 use vergence_imaging::files::read_gray;
 use vergence_imaging::pyramid::Pyramid;
 use vergence_track::{
@@ -173,13 +173,13 @@ fn person_on_the_beam_is_one_point_in_two_views() {
                 cx: half(n("centerPointU")),
                 cy: half(n("centerPointV")),
             },
-            distortion: Distortion {
+            distortion: Distortion::from(BrownConrady {
                 k1: n("radialDistortion1"),
                 k2: n("radialDistortion2"),
                 p1: n("tangentalDistortion1"),
                 p2: n("tangentalDistortion2"),
-                ..Distortion::NONE
-            },
+                ..BrownConrady::NONE
+            }),
         };
         let names = [
             "r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33",

@@ -6,7 +6,9 @@
 #![allow(clippy::unwrap_used)]
 
 use nalgebra::{Isometry3, Point2, Point3};
-use vergence_geometry::{Camera, Distortion, Eye, HeadAngles, HeadGeometry, Intrinsics};
+use vergence_geometry::{
+    BrownConrady, Camera, Distortion, Eye, HeadAngles, HeadGeometry, Intrinsics,
+};
 use vergence_imaging::Gray;
 use vergence_imaging::pyramid::Pyramid;
 use vergence_track::{
@@ -25,11 +27,11 @@ const SIZE: (usize, usize) = (640, 480);
 fn camera() -> Camera {
     Camera {
         intrinsics: Intrinsics::from_sensor(6.5e-3, 4.8e-3, SIZE.0, SIZE.1),
-        distortion: Distortion {
+        distortion: Distortion::from(BrownConrady {
             k1: -0.08,
             k2: 0.02,
-            ..Distortion::NONE
-        },
+            ..BrownConrady::NONE
+        }),
     }
 }
 

@@ -159,7 +159,7 @@ mod tests {
     //! (stereo::electronic does).
     use super::*;
     use nalgebra::Translation3;
-    use vergence_geometry::{Distortion, Eye, HeadGeometry};
+    use vergence_geometry::{BrownConrady, Distortion, Eye, HeadGeometry};
 
     /// Two cameras 75 mm apart, toed in a little, with principal points that differ.
     fn fixed(target: Option<Point3<f64>>) -> Electronic {
@@ -172,10 +172,10 @@ mod tests {
                 cx,
                 cy: 203.0,
             },
-            distortion: Distortion {
+            distortion: Distortion::from(BrownConrady {
                 k1: -0.05,
-                ..Distortion::NONE
-            },
+                ..BrownConrady::NONE
+            }),
         };
         let pose = |x: f64, toe: f64| {
             let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), toe);

@@ -113,17 +113,17 @@ mod tests {
     //! Proves: the derivatives are those of the exact mapping, and disparity is that of the undistorted pixels.
     use super::*;
     use nalgebra::{Point3, Translation3, UnitQuaternion};
-    use vergence_geometry::{Distortion, Intrinsics};
+    use vergence_geometry::{BrownConrady, Distortion, Intrinsics};
 
     #[test]
     fn derivatives_and_disparity_are_those_of_the_exact_mapping() {
         let camera = |k1| Camera {
             intrinsics: Intrinsics::from_sensor(0.0065, 0.0048, 1024, 768),
-            distortion: Distortion {
+            distortion: Distortion::from(BrownConrady {
                 k1,
                 p1: 3e-4,
-                ..Distortion::NONE
-            },
+                ..BrownConrady::NONE
+            }),
         };
         let (l, r) = (camera(-0.12), camera(-0.1));
         let pose = |x: f64, turn: f64| {
