@@ -8,7 +8,7 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use crate::colour::rgb_from_luma;
-use crate::plane::{Gray, Rgb};
+use crate::plane::{Gray, Plane, Rgb};
 
 /// Largest side of a picture that is read, pixels: a limit against files that lie about their size.
 pub const MAX_SIDE: u32 = 32_768;
@@ -192,6 +192,33 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
 /// Write grey; see [`write_rgb`].
 pub fn write_gray(path: &Path, picture: &Gray) -> Result<(), ImageError> {
     write_rgb(path, &rgb_from_luma(picture))
+}
+
+/// Write 16-bit grey as PNG, whole or not at all; the name must end in `.png`.
+///
+/// # Errors
+/// When it cannot be encoded or written.
+pub fn write_gray16(path: &Path, picture: &Plane<u16>) -> Result<(), ImageError> {
+    use image::ImageEncoder as _;
+    // The encoder takes the samples in the machine's order of bytes.
+    let samples: Vec<u8> = picture
+        .samples()
+        .iter()
+        .flat_map(|v| v.to_ne_bytes())
+        .collect();
+    let (w, h) = (picture.width() as u32, picture.height() as u32);
+    let mut bytes = Vec::new();
+    image::codecs::png::PngEncoder::new(&mut bytes)
+        .write_image(&samples, w, h, image::ExtendedColorType::L16)
+        .map_err(|e| ImageError::Encode {
+            reason: e.to_string(),
+            path: path.to_owned(),
+        })?;
+    write_whole(path, &bytes).map_err(|source| ImageError::Io {
+        action: "writing a picture",
+        source,
+        path: path.to_owned(),
+    })
 }
 
 fn encode_rgb(path: &Path, picture: &Rgb) -> Result<Vec<u8>, ImageError> {

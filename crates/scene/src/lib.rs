@@ -3,6 +3,7 @@
 //! Everything lives in the base frame of `CONVENTIONS.md` (x right, y down, z forward, metres; the rig's head at the
 //! origin, [`figure::FLOOR_M`] above the floor).
 
+pub mod board;
 pub mod camera;
 pub mod error;
 pub mod figure;
