@@ -12,7 +12,7 @@
 //! The rows of the two pictures must correspond; a known vertical disparity is taken out of the right picture first.
 
 mod aggregate;
-mod census;
+pub(crate) mod census;
 mod reduce;
 mod select;
 

@@ -204,7 +204,7 @@ fn sampled<T: Blend>(source: &Plane<T>, at: &Point2<f64>) -> Option<T> {
 
 /// Radius on the plane z = 1 up to which the lens model is used: to just beyond the picture's corners, or to where it
 /// stops being a lens (it folds, or a rational model comes near one of its poles).
-fn trusted_radius(camera: &Camera) -> f64 {
+pub(crate) fn trusted_radius(camera: &Camera) -> f64 {
     let k = &camera.intrinsics;
     let (w, h) = (k.width as f64, k.height as f64);
     let corner = [

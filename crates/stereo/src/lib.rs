@@ -9,11 +9,13 @@
 
 pub mod compose;
 pub mod dense;
+pub mod depth;
 pub mod electronic;
 pub mod error;
 pub mod faults;
 pub mod fuse;
 pub mod measure;
+pub mod rectify;
 pub mod triangulate;
 
 pub use error::StereoError;

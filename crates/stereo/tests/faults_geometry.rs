@@ -89,6 +89,40 @@ fn clean_pairs_are_good() {
     }
 }
 
+/// A roll of one picture alone is told as a roll and not as a rolled base as well; a roll of both alike is a rolled base and no roll.
+#[test]
+fn a_rolled_base_is_not_a_rolled_camera() {
+    let [left, right] = Leaves::new(5).pair(SIZE);
+    let rolled = |picture: &Rgb, clockwise_deg: f64| {
+        let plant = Plant {
+            clockwise_deg,
+            ..Plant::NOTHING
+        };
+        plant.planted_in(picture, 7)
+    };
+    let cases = [
+        ([0.0, 3.0], -3.0, 0.0),
+        ([3.0, 0.0], 3.0, 0.0),
+        ([6.0, 6.0], 0.0, 6.0),
+    ];
+    for ([l, r], roll, common) in cases {
+        let faults = measured(&rolled(&left, l), &rolled(&right, r)).unwrap();
+        let a = &faults.alignment;
+        assert!((a.roll_deg.value - roll).abs() < 0.05, "{l} {r}: {a:?}");
+        let got = a.common_roll_deg.value;
+        assert!((got - common).abs() < 0.3, "{l} {r}: {got}");
+        let told = |cause: Cause| {
+            let finding = faults.findings.iter().find(|f| f.cause == cause).unwrap();
+            finding.verdict != Verdict::Good
+        };
+        assert_eq!(
+            (told(Cause::Roll), told(Cause::BaseRoll)),
+            (roll != 0.0, common != 0.0),
+            "{l} {r}: {a:?}"
+        );
+    }
+}
+
 /// Planted offset, roll and zoom, alone and mixed, with other faults of one eye on top.
 #[test]
 fn planted_similarity_is_measured() {

@@ -7,6 +7,7 @@
     reason = "a test that meets the unexpected stops there"
 )]
 
+mod leaves;
 #[allow(dead_code)]
 mod planted;
 #[allow(dead_code)]
@@ -142,6 +143,61 @@ fn plants() -> Vec<(&'static str, Plant)> {
             },
         ),
     ]
+}
+
+/// Values times `1 + by . place`, from -1 to 1 across the picture and down, all darkened so that nothing is clipped.
+fn shaded(picture: &Rgb, by: [f64; 2]) -> Rgb {
+    let (w, h) = picture.size();
+    let place = |at: usize, side: usize| 2.0 * at as f64 / (side - 1) as f64 - 1.0;
+    Rgb::from_fn(w, h, |x, y| {
+        let factor =
+            (1.0 + by[0] * place(x, w) + by[1] * place(y, h)) / (1.0 + by[0].abs() + by[1].abs());
+        let shade = |v: u8| (f64::from(v) * factor).round().clamp(0.0, 255.0) as u8;
+        picture.at(x, y).map(shade)
+    })
+}
+
+/// Light through everything that [`measure`] does.
+fn light(left: &Rgb, right: &Rgb) -> Photometry {
+    let viewing = Viewing {
+        viewer: Viewer::default(),
+        screen_width_m: 0.5,
+        width_px: left.width(),
+    };
+    let faults = measure(left, right, &Conditions::new(viewing)).unwrap();
+    faults.appearance.unwrap().photometry.unwrap()
+}
+
+/// Shading planted into the right eye comes back through `measure` with its sign along rows and down columns, on made pairs and on recorded
+/// ones (against the pair's own), and its standard deviation is of the error's size. The curve of tone is not the pictures' own one, which is
+/// worth some tenths of a percent that no spread over the cells tells.
+#[test]
+fn shading_is_measured() {
+    let mut pairs: Vec<(String, Rgb, Rgb)> = (1..4)
+        .map(|seed| {
+            let [left, right] = leaves::Leaves::new(seed).pair((480, 360));
+            (format!("leaves {seed}"), left, right)
+        })
+        .collect();
+    if let Some(data) = recorded::data_folder("shading_is_measured") {
+        let recorded = recorded::disparity_pairs(&data);
+        pairs.extend(recorded.into_iter().map(|p| (p.name, p.left, p.right)));
+    }
+    for (name, left, right) in pairs {
+        let own = light(&left, &right);
+        for by in [[0.10, -0.06], [-0.04, 0.12]] {
+            let got = light(&left, &shaded(&right, by));
+            for i in 0..2 {
+                let error = got.shading_percent[i] - own.shading_percent[i] - 100.0 * by[i];
+                let sigma = got.shading_sigma_percent[i].hypot(own.shading_sigma_percent[i]);
+                println!("{name} {by:?} {i}: {error:.2} % ± {sigma:.2}");
+                let most = if name.starts_with("leaves") { 0.4 } else { 1.2 };
+                assert!(error.abs() < most, "{name}: {got:?}");
+                assert!(error.abs() < 4.0 * sigma.hypot(0.3), "{name}: {got:?}");
+                assert!(sigma < 4.0, "{name}: {got:?}");
+            }
+        }
+    }
 }
 
 /// Errors of gain (share) and blur (px) of one plant, printed.

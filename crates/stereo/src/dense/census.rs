@@ -11,7 +11,7 @@ const HALF: [isize; 2] = [4, 3];
 pub(super) const OUTSIDE: u8 = 26;
 
 /// One bit for each neighbour that is darker than the middle; the border repeats the picture's edge.
-pub(super) fn census(picture: &Gray) -> Plane<u64> {
+pub(crate) fn census(picture: &Gray) -> Plane<u64> {
     let (width, height) = picture.size();
     let mut words = vec![0u64; width * height];
     words
@@ -31,6 +31,7 @@ pub(super) fn census(picture: &Gray) -> Plane<u64> {
     Plane::from_samples(width, height, words)
 }
 
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
 /// Shift each word left and put the comparison with the neighbour `dx` to the right into its lowest bit.
 fn add_bit(words: &mut [u64], middle: &[u8], row: &[u8], dx: isize) {
     let width = words.len();

@@ -52,6 +52,9 @@ pub struct Alignment {
     /// Turn of both pictures alike against the line between the cameras, degrees, > 0 clockwise: it makes vertical disparity in
     /// proportion to horizontal disparity. Turning it away needs both cameras turned.
     pub base_roll_deg: Estimate,
+    /// Of that what both cameras have in common, degrees: the roll of the one that is turned less, 0 where they are turned opposite
+    /// ways or one alone is. A roll of one camera is half a [`Self::base_roll_deg`]; a rolled base is this.
+    pub common_roll_deg: Estimate,
     /// Root mean square of the vertical disparity that none of these explain, over the picture's area, pixels. The noise of the
     /// matches (0.1 px to 0.3 px in good pictures) is part of it.
     pub residual_px: Estimate,
@@ -207,6 +210,7 @@ pub(crate) fn aligned(matches: &Matches, focal: Focal) -> Result<(Alignment, Fit
         keystone_vertical_px: term(TILT, unit * tall * tall),
         bow_px: term(BOW, unit),
         base_roll_deg: term(BASE_ROLL, degrees),
+        common_roll_deg: common_roll_deg(&fit),
         base_yaw_deg: term(BASE_YAW, -degrees * focal.px / unit),
         residual_px: Estimate {
             value: remains,
@@ -228,6 +232,30 @@ pub(crate) fn aligned(matches: &Matches, focal: Focal) -> Result<(Alignment, Fit
     };
     alignment.correction = correction::correction(&alignment, &fit.terms, size);
     Ok((alignment, fit))
+}
+
+/// What the rolls of both cameras against the base line, `b + r/2` and `b - r/2`, have in common.
+fn common_roll_deg(fit: &Fit) -> Estimate {
+    let [left, right] = [0.5, -0.5].map(|share| {
+        let mut direction = Terms::zeros();
+        (direction[BASE_ROLL], direction[ROLL]) = (1.0, share);
+        let variance = (direction.transpose() * fit.covariance * direction)[0];
+        Estimate {
+            value: direction.dot(&fit.terms).to_degrees(),
+            sigma: variance.max(0.0).sqrt().to_degrees(),
+        }
+    });
+    let lesser = match left.value.abs() < right.value.abs() {
+        true => left,
+        false => right,
+    };
+    match left.value * right.value > 0.0 {
+        true => lesser,
+        false => Estimate {
+            value: 0.0,
+            ..lesser
+        },
+    }
 }
 
 #[cfg(test)]
@@ -305,17 +333,19 @@ mod tests {
         let turned = |right| Stands { right, ..none };
         let rolled = |clockwise| Stands { clockwise, ..none };
         let looking_up = |up| Stands { up, ..none };
-        // Pitch, roll, toe-in, roll of both, yaw of both. A camera that is turned clockwise turns its picture the other way.
+        // Pitch, roll, toe-in, mean roll, roll in common, yaw of both. A camera that is turned clockwise turns its picture the other way.
         let cases = [
-            (none, none, [0.0; 5]),
-            (turned(2.0), turned(2.0), [0.0, 0.0, 0.0, 0.0, 2.0]),
-            (turned(-1.0), turned(-1.0), [0.0, 0.0, 0.0, 0.0, -1.0]),
-            (turned(1.5), turned(-0.5), [0.0, 0.0, 2.0, 0.0, 0.5]),
-            (rolled(1.0), rolled(1.0), [0.0, 0.0, 0.0, -1.0, 0.0]),
-            (rolled(0.8), none, [0.0, -0.8, 0.0, -0.4, 0.0]),
-            (none, rolled(0.8), [0.0, 0.8, 0.0, -0.4, 0.0]),
-            (looking_up(0.5), none, [0.5, 0.0, 0.0, 0.0, 0.0]),
-            (none, looking_up(0.5), [-0.5, 0.0, 0.0, 0.0, 0.0]),
+            (none, none, [0.0; 6]),
+            (turned(2.0), turned(2.0), [0.0, 0.0, 0.0, 0.0, 0.0, 2.0]),
+            (turned(-1.0), turned(-1.0), [0.0, 0.0, 0.0, 0.0, 0.0, -1.0]),
+            (turned(1.5), turned(-0.5), [0.0, 0.0, 2.0, 0.0, 0.0, 0.5]),
+            (rolled(1.0), rolled(1.0), [0.0, 0.0, 0.0, -1.0, -1.0, 0.0]),
+            (rolled(0.8), none, [0.0, -0.8, 0.0, -0.4, 0.0, 0.0]),
+            (none, rolled(0.8), [0.0, 0.8, 0.0, -0.4, 0.0, 0.0]),
+            (rolled(1.2), rolled(0.4), [0.0, -0.8, 0.0, -0.8, -0.4, 0.0]),
+            (rolled(-0.6), rolled(0.6), [0.0, 1.2, 0.0, 0.0, 0.0, 0.0]),
+            (looking_up(0.5), none, [0.5, 0.0, 0.0, 0.0, 0.0, 0.0]),
+            (none, looking_up(0.5), [-0.5, 0.0, 0.0, 0.0, 0.0, 0.0]),
         ];
         for (left, right, want) in cases {
             let a = rig(left, right, [7.0, 60.0], 0.0);
@@ -324,6 +354,7 @@ mod tests {
                 a.rig.roll_deg,
                 a.rig.toe_in_deg,
                 a.base_roll_deg,
+                a.common_roll_deg,
                 a.base_yaw_deg,
             ]
             .map(|e| e.value);

@@ -8,7 +8,7 @@ use vergence_geometry::comfort::Viewing;
 
 use super::alignment::Estimate;
 use super::alignment::fit::Fit;
-use super::alignment::model::{LENS, ZOOM, half_width};
+use super::alignment::model::{LENS, LENS_FIFTH, Terms, ZOOM, half_width};
 use super::alignment::{limits_px, told_when_uncertain};
 use super::{Cause, Finding, Limits};
 
@@ -32,13 +32,19 @@ pub(crate) fn mismatch(fit: &Fit, size: (usize, usize)) -> LensMismatch {
     let unit = half_width(size);
     let corner = 1f64.hypot(size.1 as f64 / size.0 as f64);
     let variance = |k: usize| fit.covariance[(k, k)].max(f64::MIN_POSITIVE);
-    let term = |factor: f64| Estimate {
-        value: fit.terms[LENS] * factor,
-        sigma: variance(LENS).sqrt() * factor,
+    // Third and, of wide lenses, fifth order: so much for each unit of their numbers.
+    let term = |third: f64, fifth: f64| {
+        let mut direction = Terms::zeros();
+        (direction[LENS], direction[LENS_FIFTH]) = (third, fifth);
+        let variance = (direction.transpose() * fit.covariance * direction)[0];
+        Estimate {
+            value: direction.dot(&fit.terms),
+            sigma: variance.max(0.0).sqrt(),
+        }
     };
     LensMismatch {
-        corner_px: term(unit * corner.powi(3)),
-        percent: term(100.0 * corner * corner),
+        corner_px: term(unit * corner.powi(3), unit * corner.powi(5)),
+        percent: term(100.0 * corner.powi(2), 100.0 * corner.powi(4)),
         confusion: (fit.covariance[(LENS, ZOOM)] / (variance(LENS) * variance(ZOOM)).sqrt())
             .abs()
             .min(1.0),

@@ -60,6 +60,8 @@ pub struct Photometry {
     /// Change of the right eye's brightness against the left's from the middle of the picture to its right edge, and to its bottom
     /// edge, percent: by lenses that darken corners, and by surfaces that shine. Gain and level are those of the middle.
     pub shading_percent: [f64; 2],
+    /// Their standard deviations, percent; infinite where too few parts of the picture correspond.
+    pub shading_sigma_percent: [f64; 2],
     /// Corresponding areas that it was read from.
     pub areas: usize,
 }
@@ -111,6 +113,7 @@ pub fn photometry_from_map(
         white_balance_sigma_percent,
         matrix: matrix(&areas),
         shading_percent: luma.curve.shading.map(|s| 100.0 * s),
+        shading_sigma_percent: luma.shading_sigma.map(|s| 100.0 * s),
         areas: areas.len(),
     })
 }
@@ -118,6 +121,7 @@ pub fn photometry_from_map(
 struct ToneFound {
     tone: Tone,
     curve: Curve,
+    shading_sigma: [f64; 2],
     level_percent: f64,
     level_sigma_percent: f64,
 }
@@ -129,7 +133,7 @@ fn tone(areas: &[Area], value: impl Fn(&Area) -> Option<Sample>) -> Option<ToneF
     }
     let fitted = fit::simplest(&samples);
     let Curve { gain, offset, .. } = fitted.curve;
-    let [gain_sigma, offset_sigma, _] = fitted.sigma;
+    let [gain_sigma, offset_sigma, _, shading_x, shading_y] = fitted.sigma;
     let [gamma, gamma_sigma] = fitted.gamma;
     let level = |of: &dyn Fn(f64) -> f64| {
         let (mut sum, mut weights) = (0.0, 0.0);
@@ -151,6 +155,7 @@ fn tone(areas: &[Area], value: impl Fn(&Area) -> Option<Sample>) -> Option<ToneF
             residual: fitted.scale,
         },
         curve: fitted.curve,
+        shading_sigma: [shading_x, shading_y],
         level_percent: 100.0 * (after / before.max(1.0) - 1.0),
         level_sigma_percent: 100.0 * fitted.level_sigma / before.max(1.0),
     })

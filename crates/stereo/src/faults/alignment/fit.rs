@@ -2,12 +2,12 @@
 
 use super::model::{
     BASE_ROLL, BASE_YAW, BOW, COMMON_LENS, LENS, OFFSET, Place, ROLL, TERMS, TILT, TOE_IN, Terms,
-    TermsMatrix, ZOOM, basis, residual,
+    TermsMatrix, WIDE, ZOOM, basis, residual,
 };
 
 /// What one would expect of each number before seeing the pictures, as a standard deviation about zero (half widths, radians).
 /// They only matter where the matches say nothing: what cannot be told apart goes to the likelier cause. Ours.
-const EXPECTED: [(usize, f64); TERMS] = [
+const EXPECTED: [(usize, f64); WIDE.start] = [
     (OFFSET, 0.3),
     (ROLL, 0.3),
     (ZOOM, 0.3),
@@ -19,6 +19,18 @@ const EXPECTED: [(usize, f64); TERMS] = [
     (BASE_YAW, 0.02),
     (COMMON_LENS, 0.1),
 ];
+
+/// The same of each number in [`WIDE`], where they are fitted; and where they are not, they are nothing.
+const EXPECTED_WIDE: f64 = 0.03;
+const NOTHING: f64 = 1e-9;
+
+/// The numbers in [`WIDE`] are fitted where they take the residuals below this share of what they are without. They are not needed by a lens
+/// that keeps lines straight, and then make zoom less certain. A pair of action cameras comes down to a third or less, other recorded pairs to
+/// 0.68 at most: so nothing hangs on the exact share. Ours.
+const WIDE_BELOW: f64 = 0.5;
+
+/// ... and only where there are so many matches: thirty would follow fifteen numbers anywhere. Ours.
+const WIDE_LEAST: usize = 200;
 
 /// Widths of the [`Sparse`] priors: roll of the left camera against the base line, 0.11 degrees; yaw of both cameras, radians
 /// by half widths; distortion of both lenses, half a percent at the side edge. Ours.
@@ -67,6 +79,13 @@ pub(crate) struct Fit {
     pub(crate) scale: f64,
 }
 
+/// Whether the numbers in [`WIDE`] are fitted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Angle {
+    Normal,
+    Wide,
+}
+
 /// What is expected of the numbers beside the matches: a normal distribution.
 struct Prior {
     /// Inverse covariance.
@@ -76,9 +95,13 @@ struct Prior {
 }
 
 impl Prior {
-    fn first() -> Self {
+    fn first(angle: Angle) -> Self {
         let mut weight = TermsMatrix::zeros();
-        for (k, sigma) in EXPECTED {
+        let wide = match angle {
+            Angle::Normal => NOTHING,
+            Angle::Wide => EXPECTED_WIDE,
+        };
+        for (k, sigma) in EXPECTED.into_iter().chain(WIDE.map(|k| (k, wide))) {
             weight[(k, k)] = 1.0 / (sigma * sigma);
         }
         Self {
@@ -106,9 +129,9 @@ impl Prior {
 ///   unless the matches contradict, whatever was done to the right one: a roll of the right picture about its
 ///   centre never shows up as an offset;
 /// - the yaw of both, g (that of the left one alone, `g + k / 2`, would hand on to zoom what is not known of the keystone k);
-/// - the distortion of both lenses, m.
+/// - the distortion of both lenses, m; but not of a wide angle, which is known to have one.
 pub(crate) fn fitted(observations: &[Observation], start: &Terms) -> Option<Fit> {
-    let free = freely_fitted(observations, start)?;
+    let (free, angle) = simplest(observations, start)?;
     let mut left_roll = Terms::zeros();
     (left_roll[BASE_ROLL], left_roll[ROLL]) = (1.0, 0.5);
     let mut common_yaw = Terms::zeros();
@@ -121,25 +144,32 @@ pub(crate) fn fitted(observations: &[Observation], start: &Terms) -> Option<Fit>
         (common_yaw, COMMON_YAW, 0.0),
         (both_lenses, BOTH_LENSES, 0.0),
     ];
-    let held_to = common.map(|(direction, width, right_straight)| {
-        let variance = (direction.transpose() * free.covariance * direction)[0].max(0.0);
-        let sigma = DOUBT * variance.sqrt();
-        let measured = direction.dot(&free.terms);
-        let sparse = Sparse { width };
-        let likeliest = sparse.seen_at(measured, sigma);
-        let instead = sparse.seen_at(measured - right_straight, sigma);
-        (direction, likeliest.doubted(&instead, right_straight))
-    });
+    let count = match angle {
+        Angle::Normal => common.len(),
+        Angle::Wide => common.len() - 1,
+    };
+    let held_to = common[..count]
+        .iter()
+        .map(|&(direction, width, right_straight)| {
+            let variance = (direction.transpose() * free.covariance * direction)[0].max(0.0);
+            let sigma = DOUBT * variance.sqrt();
+            let measured = direction.dot(&free.terms);
+            let sparse = Sparse { width };
+            let likeliest = sparse.seen_at(measured, sigma);
+            let instead = sparse.seen_at(measured - right_straight, sigma);
+            (direction, likeliest.doubted(&instead, right_straight))
+        });
+    let held_to: Vec<_> = held_to.collect();
     let held = held_to
         .iter()
-        .fold(Prior::first(), |prior, (direction, seen)| {
+        .fold(Prior::first(angle), |prior, (direction, seen)| {
             prior.and(direction, seen.centre, HELD)
         });
     let mut fit = reweighted(observations, &free.terms, &held, 0)?;
     // The standard deviations tell of what the held numbers might be as well.
     let known = held_to
         .iter()
-        .fold(Prior::first(), |prior, (direction, seen)| {
+        .fold(Prior::first(angle), |prior, (direction, seen)| {
             prior.and(direction, seen.centre, seen.spread.hypot(HELD))
         });
     fit.covariance = clustered(observations, &fit, &known.weight)?;
@@ -148,7 +178,30 @@ pub(crate) fn fitted(observations: &[Observation], start: &Terms) -> Option<Fit>
 
 /// The fit with all numbers free: for what predicts where points are, not for what the numbers mean.
 pub(crate) fn freely_fitted(observations: &[Observation], start: &Terms) -> Option<Fit> {
-    reweighted(observations, start, &Prior::first(), CAUCHY_ROUNDS)
+    reweighted(
+        observations,
+        start,
+        &Prior::first(Angle::Normal),
+        CAUCHY_ROUNDS,
+    )
+}
+
+/// The free fit with as few numbers as will do.
+fn simplest(observations: &[Observation], start: &Terms) -> Option<(Fit, Angle)> {
+    let normal = freely_fitted(observations, start)?;
+    if observations.len() < WIDE_LEAST {
+        return Some((normal, Angle::Normal));
+    }
+    let wide = reweighted(
+        observations,
+        start,
+        &Prior::first(Angle::Wide),
+        CAUCHY_ROUNDS,
+    );
+    Some(match wide {
+        Some(wide) if wide.scale < WIDE_BELOW * normal.scale => (wide, Angle::Wide),
+        _ => (normal, Angle::Normal),
+    })
 }
 
 /// A number that is most often near zero and sometimes far from it: Student's distribution with [`Sparse::DEGREES`] degrees of freedom.
@@ -331,6 +384,7 @@ fn scale_of(observations: &[Observation], residuals: &[f64]) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::model::{COMMON_LENS_FIFTH, CUBIC_XYY, LENS_FIFTH, right_row};
     use super::*;
 
     /// What is measured far better than the prior's width is believed, what is measured far worse is not, and between them the
@@ -351,5 +405,63 @@ mod tests {
         }
         let (plus, minus) = (sparse.seen_at(0.01, 0.003), sparse.seen_at(-0.01, 0.003));
         assert!((plus.centre + minus.centre).abs() < 1e-9);
+    }
+
+    /// Points all over the picture as two cameras see them that differ by these numbers, found to 0.0002 half widths (0.06 px of 640).
+    fn observed(terms: &Terms, count: usize) -> Vec<Observation> {
+        let part = |k: usize, by: f64| (k as f64 * by).fract();
+        let one = |k: usize| {
+            let x = 1.8 * part(k, 0.754_878) - 0.9;
+            let y = 1.3 * part(k, 0.569_840) - 0.65;
+            let right_x = x - 0.02 - 0.1 * part(k, 0.618_034);
+            // Nearly normal: the sum of four.
+            let error: f64 = (1..5)
+                .map(|i| part(k * k + i, 0.324_718 * i as f64) - 0.5)
+                .sum();
+            let sigma = 2e-4;
+            let y_right = right_row(terms, [x, y], right_x) + sigma * 1.7 * error;
+            Observation {
+                place: Place {
+                    left: [x, y],
+                    right: [right_x, y_right],
+                },
+                sigma,
+            }
+        };
+        (0..count).map(one).collect()
+    }
+
+    /// Lenses that bend straight lines by several percent and not alike: the numbers of wide angles are fitted, and offset, roll and zoom come
+    /// out as planted, where the shorter model would miss them. Lenses that do not bend lines, and few matches, are left to the shorter one.
+    #[test]
+    fn wide_angles_are_fitted_where_they_are_seen() {
+        let mut terms = Terms::zeros();
+        (terms[OFFSET], terms[ROLL], terms[ZOOM]) = (0.006, 0.004, -0.02);
+        terms[BASE_ROLL] = -0.002;
+        let straight = observed(&terms, 900);
+        let fit = fitted(&straight, &Terms::zeros()).unwrap();
+        assert!(
+            WIDE.into_iter().all(|k| fit.terms[k].abs() < 1e-9),
+            "{:?}",
+            fit.terms
+        );
+        (terms[LENS], terms[LENS_FIFTH]) = (0.06, -0.05);
+        (terms[COMMON_LENS], terms[COMMON_LENS_FIFTH]) = (-0.2, -0.05);
+        terms[CUBIC_XYY] = 0.015;
+        let bent = observed(&terms, 900);
+        let fit = fitted(&bent, &Terms::zeros()).unwrap();
+        for (k, within) in [(OFFSET, 2e-4), (ROLL, 3e-4), (ZOOM, 1e-3)] {
+            let error = fit.terms[k] - terms[k];
+            assert!(error.abs() < within, "{k}: {error} of {:?}", fit.terms);
+        }
+        let short = freely_fitted(&bent, &Terms::zeros()).unwrap();
+        assert!(
+            (short.terms[ZOOM] - terms[ZOOM]).abs() > 5e-3,
+            "{:?}",
+            short.terms
+        );
+        assert!(fit.scale < 0.3 * short.scale);
+        let few = fitted(&bent[..WIDE_LEAST - 1], &Terms::zeros()).unwrap();
+        assert!(few.terms[LENS_FIFTH].abs() < 1e-9);
     }
 }

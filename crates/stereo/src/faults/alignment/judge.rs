@@ -121,12 +121,12 @@ pub(crate) fn findings(
         Vertical {
             cause: Cause::BaseRoll,
             estimate: Estimate {
-                value: a.base_roll_deg.value.to_radians() * range_px,
-                sigma: a.base_roll_deg.sigma.to_radians() * range_px,
+                value: a.common_roll_deg.value.to_radians() * range_px,
+                sigma: a.common_roll_deg.sigma.to_radians() * range_px,
             },
             unit: "px",
             per_px: 1.0,
-            what: "vertical disparity from the nearest to the farthest point: one camera stands higher, or both are rolled".to_owned(),
+            what: "vertical disparity from the nearest to the farthest point: one camera stands higher, or both are rolled alike".to_owned(),
             remedy: "bring both cameras to one height; the correction turns both pictures",
         },
         Vertical {

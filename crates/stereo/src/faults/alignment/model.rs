@@ -7,7 +7,7 @@
 //! 2. roll: turned back by `b + s r` (clockwise positive);
 //! 3. zoom: divided by `exp(s z)`;
 //! 4. keystone: divided by `1 + (g + s k) x + s e y`;
-//! 5. bow and lens: `y -= s c x² + (m + s q) y (x² + y²)`.
+//! 5. bow and lens: `y -= s c x² + (m + s q) y r²`, `r² = x² + y²`, and for wide angles ([`WIDE`]) `s (t x³ + u x y² + v y³) + (n + s w) y r⁴`.
 //!
 //! To first order this leaves `dy = a + r x + z y + k x y + e y² + c x² + q y r² + d (b + g y + 2 m x y)` with d the horizontal
 //! disparity: three lines of Taylor's formula of `y_l - y_r`, each cause alone, at the mean position. The last group is what
@@ -17,7 +17,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector};
 
 /// How many numbers the model has.
-pub(crate) const TERMS: usize = 10;
+pub(crate) const TERMS: usize = 15;
 
 /// Places of the numbers.
 pub(crate) const OFFSET: usize = 0;
@@ -30,6 +30,14 @@ pub(crate) const LENS: usize = 6;
 pub(crate) const BASE_ROLL: usize = 7;
 pub(crate) const BASE_YAW: usize = 8;
 pub(crate) const COMMON_LENS: usize = 9;
+pub(crate) const LENS_FIFTH: usize = 10;
+pub(crate) const COMMON_LENS_FIFTH: usize = 11;
+pub(crate) const CUBIC_XYY: usize = 12;
+pub(crate) const CUBIC_YYY: usize = 13;
+pub(crate) const CUBIC_XXX: usize = 14;
+
+/// The numbers that only lenses of a wide angle need: radial distortion of fifth order, and what lacks of third order.
+pub(crate) const WIDE: std::ops::Range<usize> = LENS_FIFTH..TERMS;
 
 /// Numbers by [`OFFSET`] and so on.
 pub(crate) type Terms = SVector<f64, TERMS>;
@@ -57,6 +65,9 @@ impl Place {
     }
 }
 
+/// By how much a row is moved to see how the residual changes.
+const SLOPE_STEP: f64 = 1e-4;
+
 /// Share of the differences that a picture carries: left +1/2, right -1/2.
 const SHARES: [f64; 2] = [0.5, -0.5];
 
@@ -68,9 +79,13 @@ fn taken_back(terms: &Terms, s: f64, [x, y]: [f64; 2]) -> [f64; 2] {
     let (x, y) = (scale * (x * cos + y * sin), scale * (y * cos - x * sin));
     let over = 1.0 + (terms[BASE_YAW] + s * terms[TOE_IN]) * x + s * terms[TILT] * y;
     let (x, y) = (x / over, y / over);
-    let bent = s * terms[BOW] * x * x;
-    let lens = (terms[COMMON_LENS] + s * terms[LENS]) * y * (x * x + y * y);
-    [x, y - bent - lens]
+    let square = x * x + y * y;
+    let cubic =
+        terms[CUBIC_XYY] * x * y * y + terms[CUBIC_YYY] * y * y * y + terms[CUBIC_XXX] * x * x * x;
+    let bent = s * (terms[BOW] * x * x + cubic);
+    let third = terms[COMMON_LENS] + s * terms[LENS];
+    let fifth = terms[COMMON_LENS_FIFTH] + s * terms[LENS_FIFTH];
+    [x, y - bent - (third + fifth * square) * square * y]
 }
 
 /// How far the two points are from lying in one row once every cause is taken back, half widths, + when the left one is lower.
@@ -91,6 +106,7 @@ fn both_taken_back(terms: &Terms, place: &Place) -> [[f64; 2]; 2] {
 pub(crate) fn basis(terms: &Terms, place: &Place) -> Terms {
     let [l, r] = both_taken_back(terms, place);
     let (x, y, d) = (0.5 * (l[0] + r[0]), 0.5 * (l[1] + r[1]), l[0] - r[0]);
+    let square = x * x + y * y;
     let mut basis = Terms::zeros();
     basis[OFFSET] = 1.0;
     basis[ROLL] = x;
@@ -98,23 +114,30 @@ pub(crate) fn basis(terms: &Terms, place: &Place) -> Terms {
     basis[TOE_IN] = x * y;
     basis[TILT] = y * y;
     basis[BOW] = x * x;
-    basis[LENS] = y * (x * x + y * y);
+    basis[LENS] = y * square;
     basis[BASE_ROLL] = d;
     basis[BASE_YAW] = y * d;
     basis[COMMON_LENS] = 2.0 * x * y * d;
+    basis[LENS_FIFTH] = y * square * square;
+    basis[COMMON_LENS_FIFTH] = 4.0 * x * y * square * d;
+    basis[CUBIC_XYY] = x * y * y;
+    basis[CUBIC_YYY] = y * y * y;
+    basis[CUBIC_XXX] = x * x * x;
     basis
 }
 
 /// Row of the right picture at column `x_right` that belongs to a point of the left picture.
 pub(crate) fn right_row(terms: &Terms, left: [f64; 2], x_right: f64) -> f64 {
+    let off = |y: f64| {
+        let right = [x_right, y];
+        residual(terms, &Place { left, right })
+    };
     let mut y = left[1];
-    // The residual falls by about one for each unit of y: a few substitutions are exact enough.
+    // The residual falls by about one for each unit of y, in the corners of a wide lens by up to twice as much: Newton's steps with the
+    // slope of the start are exact enough.
+    let slope = ((off(y + SLOPE_STEP) - off(y)) / SLOPE_STEP).clamp(-5.0, -0.2);
     for _ in 0..6 {
-        let place = Place {
-            left,
-            right: [x_right, y],
-        };
-        y += residual(terms, &place);
+        y -= off(y) / slope;
     }
     y
 }
@@ -167,7 +190,8 @@ mod tests {
 
     fn terms() -> Terms {
         Terms::from_column_slice(&[
-            0.02, 0.03, -0.02, 0.015, -0.01, 0.004, 0.006, 0.01, -0.02, 0.03,
+            0.02, 0.03, -0.02, 0.015, -0.01, 0.004, 0.006, 0.01, -0.02, 0.03, 0.02, -0.1, 0.01,
+            -0.01, 0.005,
         ])
     }
 
@@ -208,7 +232,7 @@ mod tests {
     #[test]
     fn homographies_take_back() {
         let mut terms = terms();
-        for k in [BOW, LENS, COMMON_LENS] {
+        for k in [BOW, LENS, COMMON_LENS].into_iter().chain(WIDE) {
             terms[k] = 0.0;
         }
         let size = (641, 481);

@@ -95,8 +95,8 @@ impl Curve {
 /// A fitted curve.
 pub(in crate::faults) struct Fitted {
     pub(in crate::faults) curve: Curve,
-    /// Standard deviations of gain, offset, gamma, by leaving out one cell at a time.
-    pub(in crate::faults) sigma: [f64; 3],
+    /// Standard deviations of gain, offset, gamma and both shadings, by leaving out one cell at a time.
+    pub(in crate::faults) sigma: [f64; UNKNOWNS],
     /// Gamma of the curve with all unknowns, and its standard deviation.
     pub(in crate::faults) gamma: [f64; 2],
     /// That of the curve's value at the mean of x.
@@ -261,7 +261,7 @@ fn left_out(
     curve: &Curve,
     shape: Shape,
     scale: f64,
-) -> ([f64; 3], f64) {
+) -> ([f64; UNKNOWNS], f64) {
     let (h, g) = sum(cells);
     let mean_x = samples.iter().map(|s| s.x).sum::<f64>() / samples.len() as f64;
     let used = cells.iter().filter(|(h, _)| h.trace() > 0.0);
@@ -270,14 +270,14 @@ fn left_out(
         .collect();
     let n = steps.len() as f64;
     if n < 4.0 {
-        return ([f64::INFINITY; 3], f64::INFINITY);
+        return ([f64::INFINITY; UNKNOWNS], f64::INFINITY);
     }
     let spread = |value: &dyn Fn(&Vector) -> f64| {
         let mean = steps.iter().map(value).sum::<f64>() / n;
         let squares: f64 = steps.iter().map(|s| (value(s) - mean).powi(2)).sum();
         ((n - 1.0) / n * squares).sqrt()
     };
-    let sigma = [0, 1, 2].map(|i| spread(&|s| s[i]));
+    let sigma = std::array::from_fn(|i| spread(&|s| s[i]));
     let level = spread(&|s| curve.moved(s).at(mean_x));
     (sigma, level)
 }

@@ -1,0 +1,247 @@
+//! The cost of every disparity at every pixel: census words, horizontal gradients, grey values.
+
+use rayon::prelude::*;
+use vergence_imaging::{Gray, Plane};
+
+use super::prior::Prior;
+use crate::dense::census::census;
+
+/// Counts of disparities are multiples of this, so that inner loops are whole vectors.
+const LANES: usize = 16;
+
+/// Largest cost: with penalties of at most 64, the costs of two paths fit a byte.
+const MOST: u8 = 63;
+
+/// Gradients are cut off here, levels per two pixels times four: what is steeper is an edge anyway.
+const STEEPEST: i32 = 31;
+
+/// Differences of grey are cut off here, levels: two cameras that expose differently must not outvote the census, which does not care.
+const LARGEST_STEP: u16 = 31;
+
+/// Weights of a bit of the census, of a level of gradient and of a level of grey, in sixteenths. At most 23, 15 and 11 of the largest cost.
+const WEIGHTS: [u16; 3] = [6, 4, 6];
+
+/// What a disparity costs more that is farther than all that a small map of the pair has around the place: little beside a mismatch, enough
+/// between repeats of a pattern.
+const UNEXPECTED: u8 = 3;
+
+/// What the matching of a pair compares, and how far it looks.
+pub(super) struct Features<'a> {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// Width of the right picture, which may be wider or narrower.
+    pub(super) right_width: usize,
+    /// Disparity of index 0, px.
+    pub(super) first: i32,
+    /// Disparities per pixel: a multiple of [`LANES`].
+    pub(super) count: usize,
+    /// How many of them are wanted: the rest is filling and never wins.
+    pub(super) wanted: usize,
+    pub(super) left: Eye<'a>,
+    right: Eye<'a>,
+    prior: Option<Prior>,
+}
+
+/// What is compared of one picture.
+pub(super) struct Eye<'a> {
+    pub(super) grays: &'a Gray,
+    words: Plane<u64>,
+    slopes: Gray,
+}
+
+impl<'a> Eye<'a> {
+    fn new(grays: &'a Gray) -> Self {
+        Self {
+            grays,
+            words: census(grays),
+            slopes: slopes(grays),
+        }
+    }
+}
+
+/// Horizontal Sobel gradients, cut off and moved to 0 to 2 [`STEEPEST`].
+fn slopes(picture: &Gray) -> Gray {
+    let (width, height) = picture.size();
+    let mut out = Gray::filled(width, height, 0);
+    let rows = out.samples_mut().par_chunks_mut(width).enumerate();
+    rows.for_each(|(y, out)| {
+        let above = picture.row(y.saturating_sub(1));
+        let below = picture.row((y + 1).min(height - 1));
+        slopes_of_row(above, picture.row(y), below, out);
+    });
+    out
+}
+
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
+fn slopes_of_row(above: &[u8], here: &[u8], below: &[u8], out: &mut [u8]) {
+    let width = out.len();
+    let column = |x: usize| i32::from(above[x]) + 2 * i32::from(here[x]) + i32::from(below[x]);
+    let level = |slope: i32| (slope.clamp(-STEEPEST, STEEPEST) + STEEPEST) as u8;
+    if width < 2 {
+        out.fill(level(0));
+        return;
+    }
+    out[0] = level(column(1) - column(0));
+    out[width - 1] = level(column(width - 1) - column(width - 2));
+    for (i, out) in out[1..width - 1].iter_mut().enumerate() {
+        *out = level(column(i + 2) - column(i));
+    }
+}
+
+impl<'a> Features<'a> {
+    /// Of two pictures of one height; `wanted` disparities from `first` on.
+    pub(super) fn new(
+        left: &'a Gray,
+        right: &'a Gray,
+        first: i32,
+        wanted: usize,
+        prior: Option<Prior>,
+    ) -> Self {
+        let (a, b) = rayon::join(|| Eye::new(left), || Eye::new(right));
+        Self {
+            width: left.width(),
+            height: left.height(),
+            right_width: right.width(),
+            first,
+            count: wanted.next_multiple_of(LANES),
+            wanted,
+            left: a,
+            right: b,
+            prior,
+        }
+    }
+}
+
+/// The costs of one row, `costs[x * count + k]`, 0 to [`MOST`]: left column x against right column `x - first - k`; columns outside
+/// repeat the edge. Keeps its buffers from row to row.
+#[derive(Default)]
+pub(super) struct CostRow {
+    words: Vec<u64>,
+    slopes: Vec<u8>,
+    grays: Vec<u8>,
+    costs: Vec<u8>,
+    expected: Vec<usize>,
+}
+
+impl CostRow {
+    pub(super) fn of(&mut self, features: &Features<'_>, y: usize) -> &[u8] {
+        let Features { left, right, .. } = features;
+        reversed(right.words.row(y), features, &mut self.words);
+        reversed(right.slopes.row(y), features, &mut self.slopes);
+        reversed(right.grays.row(y), features, &mut self.grays);
+        self.costs.resize(features.width * features.count, 0);
+        let here = RowFeatures {
+            words: left.words.row(y),
+            slopes: left.slopes.row(y),
+            grays: left.grays.row(y),
+        };
+        let there = RowFeatures {
+            words: &self.words,
+            slopes: &self.slopes,
+            grays: &self.grays,
+        };
+        row_costs(&here, &there, features.count, &mut self.costs);
+        if let Some(prior) = &features.prior {
+            prior.row(y, features.width, features.wanted, &mut self.expected);
+            raise(&mut self.costs, features.count, &self.expected);
+        }
+        if features.wanted < features.count {
+            for costs in self.costs.chunks_exact_mut(features.count) {
+                costs[features.wanted..].fill(MOST);
+            }
+        }
+        &self.costs
+    }
+}
+
+/// The right row backwards, so that growing disparity runs forward: place `width - 1 - x + k` holds column `x - first - k`.
+fn reversed<T: Copy>(row: &[T], features: &Features<'_>, out: &mut Vec<T>) {
+    let edge = row.len() as i64 - 1;
+    let start = features.width as i64 - 1 - i64::from(features.first);
+    out.clear();
+    let places = 0..(features.width + features.count - 1) as i64;
+    out.extend(places.map(|j| row[(start - j).clamp(0, edge) as usize]));
+}
+
+/// Costs of what is farther than each pixel's first expected index rise.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
+fn raise(costs: &mut [u8], count: usize, expected: &[usize]) {
+    for (costs, &from) in costs.chunks_exact_mut(count).zip(expected) {
+        for cost in &mut costs[..from] {
+            *cost = (*cost + UNEXPECTED).min(MOST);
+        }
+    }
+}
+
+/// What is compared along one row, of one eye.
+struct RowFeatures<'a> {
+    words: &'a [u64],
+    slopes: &'a [u8],
+    grays: &'a [u8],
+}
+
+#[multiversion::multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512vl+avx512vpopcntdq+popcnt",
+    "x86_64+avx2+popcnt",
+    "x86_64+popcnt"
+))]
+fn row_costs(left: &RowFeatures<'_>, right: &RowFeatures<'_>, count: usize, out: &mut [u8]) {
+    let width = left.words.len();
+    for (x, out) in out.chunks_exact_mut(count).enumerate() {
+        let there = width - 1 - x..width - 1 - x + count;
+        let word = left.words[x];
+        for (o, &w) in out.iter_mut().zip(&right.words[there.clone()]) {
+            *o = (word ^ w).count_ones() as u8;
+        }
+        let (slope, gray) = (left.slopes[x], left.grays[x]);
+        let others = right.slopes[there.clone()].iter().zip(&right.grays[there]);
+        for (o, (&s, &g)) in out.iter_mut().zip(others) {
+            *o = cost(u16::from(*o), slope.abs_diff(s), gray.abs_diff(g));
+        }
+    }
+}
+
+/// The cost of differing bits, of a difference of gradients and one of grey values.
+#[inline(always)]
+fn cost(bits: u16, slope: u8, gray: u8) -> u8 {
+    let step = u16::from(gray).min(LARGEST_STEP);
+    let sum = bits * WEIGHTS[0] + u16::from(slope) * WEIGHTS[1] + step * WEIGHTS[2];
+    (sum >> 4).min(u16::from(MOST)) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Costs are those of the definition, written out pixel by pixel: whole and negative disparities, columns outside, a right picture of
+    /// another width.
+    #[test]
+    fn rows_equal_the_definition() {
+        let picture = |width: usize, seed: usize| {
+            Gray::from_fn(width, 9, |x, y| {
+                ((x * x * 31 + y * 77 + x * seed) % 251) as u8
+            })
+        };
+        let (left, right) = (picture(23, 5), picture(29, 11));
+        for first in [-20, -3, 0, 7] {
+            let features = Features::new(&left, &right, first, 30, None);
+            assert_eq!(features.count, 32);
+            let mut row = CostRow::default();
+            for y in [0, 4, 8] {
+                let costs = row.of(&features, y);
+                for (x, costs) in costs.chunks_exact(32).enumerate() {
+                    assert_eq!(costs[30..], [MOST; 2]);
+                    for (k, &found) in costs[..30].iter().enumerate() {
+                        let xr = (x as i64 - i64::from(first) - k as i64).clamp(0, 28) as usize;
+                        let (a, b) = (&features.left, &features.right);
+                        let bits = (a.words.at(x, y) ^ b.words.at(xr, y)).count_ones();
+                        let slope = a.slopes.at(x, y).abs_diff(b.slopes.at(xr, y));
+                        let gray = left.at(x, y).abs_diff(right.at(xr, y)).min(31);
+                        let sum = 6 * bits + 4 * u32::from(slope) + 6 * u32::from(gray);
+                        assert_eq!(u32::from(found), (sum / 16).min(63), "{x} {k} {first}");
+                    }
+                }
+            }
+        }
+    }
+}

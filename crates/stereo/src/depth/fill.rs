@@ -1,0 +1,215 @@
+//! Disparities where the eyes do not agree, from the nearest ones where they do in eight directions (Hirschmüller 2008, section 2.6).
+
+use rayon::prelude::*;
+use vergence_imaging::{Gray, Plane};
+
+use crate::dense::Seen;
+
+/// The nearest known disparity on the way, and how far it is: steps in pixels plus weighed changes of grey.
+#[derive(Clone, Copy)]
+struct Carried {
+    disparity: f32,
+    way: f32,
+}
+
+const NOTHING: Carried = Carried {
+    disparity: f32::NAN,
+    way: f32::INFINITY,
+};
+
+/// For each pixel that is not seen by both, in the order of the pixels: what comes from four directions, twice.
+fn carried(map: &Plane<f32>, seen: &Plane<Seen>, left: &Gray) -> Vec<[Carried; 8]> {
+    let scene = Scene { map, seen, left };
+    let (down, mut up) = rayon::join(|| pass::<false>(&scene), || pass::<true>(&scene));
+    up.reverse();
+    let both = down.iter().zip(&up);
+    both.map(|(d, u)| [d[0], d[1], d[2], d[3], u[0], u[1], u[2], u[3]])
+        .collect()
+}
+
+struct Scene<'a> {
+    map: &'a Plane<f32>,
+    seen: &'a Plane<Seen>,
+    left: &'a Gray,
+}
+
+/// From the top left to the bottom right (or the other way with `UP`): what comes along the row and from the three pixels before it in
+/// the last row, for each pixel that is not seen by both, in the order of the way.
+fn pass<const UP: bool>(scene: &Scene<'_>) -> Vec<[Carried; 4]> {
+    let (width, height) = scene.map.size();
+    let mut out = Vec::new();
+    // A pixel more on each side, from which nothing comes.
+    let mut last = vec![[NOTHING; 3]; width + 2];
+    let mut this = last.clone();
+    let diagonal = std::f32::consts::SQRT_2;
+    for step_y in 0..height {
+        let y = if UP { height - 1 - step_y } else { step_y };
+        let (grays, seen, map) = (scene.left.row(y), scene.seen.row(y), scene.map.row(y));
+        let row_before = match UP {
+            true => (y + 1).min(height - 1),
+            false => y.saturating_sub(1),
+        };
+        let grays_before = scene.left.row(row_before);
+        let mut along = NOTHING;
+        for step_x in 0..width {
+            let x = if UP { width - 1 - step_x } else { step_x };
+            if seen[x] == Seen::Both {
+                let here = Carried {
+                    disparity: map[x],
+                    way: 0.0,
+                };
+                along = here;
+                this[x + 1] = [here; 3];
+                continue;
+            }
+            let gray = f32::from(grays[x]);
+            let on = |c: Carried, other: u8, steps: f32| Carried {
+                disparity: c.disparity,
+                way: c.way + steps + PIXELS_PER_GREY * (f32::from(other) - gray).abs(),
+            };
+            // In padded columns; where there is no pixel nothing comes, whatever its grey.
+            let (behind, ahead) = if UP { (x + 2, x) } else { (x, x + 2) };
+            let gray_at = |padded: usize| grays_before[padded.saturating_sub(1).min(width - 1)];
+            let beside = grays[behind.saturating_sub(1).min(width - 1)];
+            along = on(along, beside, 1.0);
+            let a = on(last[behind][0], gray_at(behind), diagonal);
+            let b = on(last[x + 1][1], gray_at(x + 1), 1.0);
+            let c = on(last[ahead][2], gray_at(ahead), diagonal);
+            this[x + 1] = [a, b, c];
+            out.push([along, a, b, c]);
+        }
+        std::mem::swap(&mut last, &mut this);
+    }
+    out
+}
+
+/// Which pixels that the eyes do not agree on get a disparity from around.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Fill {
+    /// None: they stay unknown.
+    None,
+    /// Those where what is around agrees well enough; where it contradicts itself they stay unknown.
+    Likely,
+    /// All.
+    All,
+}
+
+/// A step of one level of grey on the way to a disparity counts as so many pixels.
+const PIXELS_PER_GREY: f32 = 0.5;
+
+/// Hidden places take the disparity that this share of the weight lies below: what hides them is nearer, what they belong to is not.
+const HIDDEN_SHARE: f32 = 0.1;
+
+/// Disparities from around agree within this, px.
+const AGREE_PX: f32 = 3.0;
+
+/// Least share of the weight that must agree with a disparity for it to be likely, at hidden and at other places. The surroundings of hidden
+/// places disagree by nature. Less fills more and errs more.
+const LEAST_SUPPORT: [f32; 2] = [0.5, 0.7];
+
+/// The map with its gaps filled by quantiles of what is around, weighed by the inverse way to it (hidden places) or its square; then a median
+/// over 3 x 3 pixels, of what is known.
+pub(super) fn filled(raw: &Plane<f32>, seen: &Plane<Seen>, left: &Gray, fill: Fill) -> Plane<f32> {
+    let near = |c: &Carried| 1.0 / (1.0 + c.way);
+    let nearest = |c: &Carried| near(c) * near(c);
+    let mut map = raw.clone();
+    let mut unwanted = Vec::new();
+    let mut around = carried(raw, seen, left).into_iter();
+    for (i, &seen) in seen.samples().iter().enumerate() {
+        if seen == Seen::Both {
+            continue;
+        }
+        let Some(around) = around.next() else { break };
+        let (d, least) = match seen {
+            // What hides a place is often nearer than what it belongs to: here the way counts for less.
+            Seen::Occluded => (quantile(around, HIDDEN_SHARE, near), LEAST_SUPPORT[0]),
+            _ => (quantile(around, 0.5, nearest), LEAST_SUPPORT[1]),
+        };
+        map.samples_mut()[i] = d;
+        let keep = match fill {
+            Fill::None => false,
+            Fill::Likely => support(&around, d) >= least,
+            Fill::All => true,
+        };
+        if !keep {
+            unwanted.push(i);
+        }
+    }
+    // The median sees what is filled even where it is not wanted, so that it is the same whatever is wanted.
+    let mut map = median(&map);
+    for i in unwanted {
+        map.samples_mut()[i] = f32::NAN;
+    }
+    map
+}
+
+/// The disparity that `share` of the weight lies below; NaN when nothing came.
+fn quantile(mut around: [Carried; 8], share: f32, weight: impl Fn(&Carried) -> f32) -> f32 {
+    // NaN sorts last; its way is infinite and its weight 0.
+    around.sort_unstable_by(|a, b| a.disparity.total_cmp(&b.disparity));
+    let wanted = share * around.iter().map(&weight).sum::<f32>();
+    let mut so_far = 0.0;
+    for c in &around {
+        so_far += weight(c);
+        if so_far >= wanted {
+            return c.disparity;
+        }
+    }
+    around[0].disparity
+}
+
+/// Share of what is around that agrees with `d`, weighed by the inverse way, 0 to 1.
+fn support(around: &[Carried; 8], d: f32) -> f32 {
+    let weight = |c: &Carried| 1.0 / (1.0 + c.way);
+    let all: f32 = around.iter().map(weight).sum();
+    let same = around
+        .iter()
+        .filter(|c| (c.disparity - d).abs() <= AGREE_PX);
+    same.map(weight).sum::<f32>() / all.max(f32::MIN_POSITIVE)
+}
+
+/// The median of 3 x 3 pixels; edges repeat.
+fn median(map: &Plane<f32>) -> Plane<f32> {
+    let (width, height) = map.size();
+    let mut out = map.clone();
+    let rows = out.samples_mut().par_chunks_mut(width).enumerate();
+    rows.for_each(|(y, out)| {
+        let row = |y: usize| {
+            let row = map.row(y);
+            let mut padded = Vec::with_capacity(width + 2);
+            padded.push(row[0]);
+            padded.extend_from_slice(row);
+            padded.push(row[width - 1]);
+            padded
+        };
+        let rows = [
+            row(y.saturating_sub(1)),
+            row(y),
+            row((y + 1).min(height - 1)),
+        ];
+        median_row(&rows[0], &rows[1], &rows[2], out);
+    });
+    out
+}
+
+/// Medians by sorted columns; the rows have a pixel more on each side. NaN loses against every number.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
+fn median_row(above: &[f32], here: &[f32], below: &[f32], out: &mut [f32]) {
+    let width = out.len();
+    let (above, here, below) = (&above[..width + 2], &here[..width + 2], &below[..width + 2]);
+    for x in 0..width {
+        // Each column in order, then each rank across the columns: the median is the middle of the three that remain.
+        let sorted = |a: f32, b: f32, c: f32| {
+            let (low, high) = (a.min(b), a.max(b));
+            (low.min(c), low.max(high.min(c)), high.max(c))
+        };
+        let (a0, a1, a2) = sorted(above[x], here[x], below[x]);
+        let (b0, b1, b2) = sorted(above[x + 1], here[x + 1], below[x + 1]);
+        let (c0, c1, c2) = sorted(above[x + 2], here[x + 2], below[x + 2]);
+        let largest_low = a0.max(b0).max(c0);
+        let (_, middle, _) = sorted(a1, b1, c1);
+        let least_high = a2.min(b2).min(c2);
+        let (_, median, _) = sorted(largest_low, middle, least_high);
+        out[x] = median;
+    }
+}

@@ -1,0 +1,82 @@
+//! What a small map of the pair says of each place: of patterns that repeat, the repeat that the neighbourhood as a whole chooses.
+
+use vergence_imaging::{Gray, Plane};
+
+use super::{check, confidence, cost::Features, sweep};
+use crate::dense::{Seen, reduced};
+
+/// Width of the small map, px. Pictures that are little wider have no use for one.
+const COARSE_WIDTH: f64 = 240.0;
+const LEAST_SCALE: f64 = 1.5;
+
+/// Smaller islands of it do not count, px, nor pixels that are less sure.
+const LEAST_ISLAND: usize = 40;
+const LEAST_CONFIDENCE: f32 = 0.5;
+
+/// A place may have the smallest disparity that is found so many small pixels around it, and so many small pixels less, at no extra cost.
+/// Larger ones are free as well: thin things in front escape a small map, thin gaps to what is behind are rare.
+const AROUND: usize = 2;
+const FREE_PX: f32 = 2.0;
+
+/// From which disparity on a place costs nothing extra, by the small map.
+pub(super) struct Prior {
+    scale: f64,
+    /// First index at no extra cost; 0 where nothing is known.
+    expected: Plane<u16>,
+}
+
+impl Prior {
+    /// Of a pair and the disparities `first` to `first + wanted - 1` px.
+    pub(super) fn new(left: &Gray, right: &Gray, first: i32, wanted: usize) -> Option<Self> {
+        let scale = left.width() as f64 / COARSE_WIDTH;
+        let least = left.height().min(right.width()) as f64 / super::LEAST_SIDE as f64;
+        if scale < LEAST_SCALE || scale > least {
+            return None;
+        }
+        let (a, b) = rayon::join(|| reduced(left, scale), || reduced(right, scale));
+        let from = (f64::from(first) / scale).floor() as i32 - 1;
+        let to = (f64::from(first + wanted as i32 - 1) / scale).ceil() as i32 + 1;
+        let features = Features::new(&a, &b, from, (to - from + 1) as usize, None);
+        let winners = sweep::winners(&features, &sweep::Penalties::default(), &mut Vec::new());
+        let mut seen = check::seen_by(&winners, super::AGREE_PX);
+        check::drop_islands(
+            &winners.left,
+            &mut seen,
+            super::SAME_ISLAND_PX,
+            LEAST_ISLAND,
+        );
+        let sure = confidence::confidence(&winners, &seen);
+        let known = |x: usize, y: usize| {
+            let counts = seen.at(x, y) == Seen::Both && sure.at(x, y) >= LEAST_CONFIDENCE;
+            if counts {
+                winners.left.at(x, y)
+            } else {
+                f32::INFINITY
+            }
+        };
+        let (width, height) = a.size();
+        let expected = Plane::from_fn(width, height, |x, y| {
+            let mut low = f32::INFINITY;
+            for y in y.saturating_sub(AROUND)..=(y + AROUND).min(height - 1) {
+                for x in x.saturating_sub(AROUND)..=(x + AROUND).min(width - 1) {
+                    low = low.min(known(x, y));
+                }
+            }
+            if low == f32::INFINITY {
+                return 0;
+            }
+            let index = f64::from(low - FREE_PX) * scale - f64::from(first);
+            index.floor().clamp(0.0, wanted as f64) as u16
+        });
+        Some(Self { scale, expected })
+    }
+
+    /// First index at no extra cost of each pixel of row `y`, at most `wanted`.
+    pub(super) fn row(&self, y: usize, width: usize, wanted: usize, out: &mut Vec<usize>) {
+        let place =
+            |u: usize, side: usize| (((u as f64 + 0.5) / self.scale) as usize).min(side - 1);
+        let row = self.expected.row(place(y, self.expected.height()));
+        out.clear();
+        out.extend((0..width).map(|x| usize::from(row[place(x, row.len())]).min(wanted)));
+    }
+}
