@@ -6,13 +6,12 @@
 
 use nalgebra::{Isometry3, Translation3};
 use serde::Deserialize;
-use vergence_geometry::{BrownConrady, Camera, Distortion, Intrinsics};
+use vergence_geometry::Camera;
 
+use crate::camera_file::{CameraFile, MAX_CAMERAS, Parsed, UnitFrom};
+use crate::lens::{brown_conrady, intrinsics_from_rows};
 use crate::rig::{CameraPose, rotation_from_rows};
 use crate::{CalibError, RigCalibration};
-
-/// Most cameras that one device is believed to have.
-const MAX_CAMERAS: usize = 64;
 
 /// `toCameraSocket` of the camera that the others refer to.
 const NO_SOCKET: i64 = -1;
@@ -65,31 +64,15 @@ struct Centimetres {
     z: f64,
 }
 
-/// A rig from the text of `calib.json`.
-pub(crate) fn rig_from_json(
-    text: &str,
+/// What the format is called.
+pub(crate) const FORMAT: &str = "DepthAI";
+
+/// A rig from the content of `calib.json`.
+pub(crate) fn rig(
+    value: &serde_json::Value,
     choice: Option<[&str; 2]>,
 ) -> Result<RigCalibration, CalibError> {
-    let syntax = |e: serde_json::Error| CalibError::Syntax {
-        format: "DepthAI",
-        reason: e.to_string(),
-    };
-    let value: serde_json::Value = serde_json::from_str(text).map_err(syntax)?;
-    if value.get("cameraData").is_none() {
-        return Err(CalibError::UnknownFormat {
-            reason: "JSON without \"cameraData\"".to_owned(),
-        });
-    }
-    let file: File = serde_json::from_value(value).map_err(syntax)?;
-    if file.camera_data.len() > MAX_CAMERAS {
-        return Err(CalibError::Syntax {
-            format: "DepthAI",
-            reason: format!(
-                "{} cameras in one file (at most {MAX_CAMERAS})",
-                file.camera_data.len()
-            ),
-        });
-    }
+    let file = file(value)?;
     let [left, right] = chosen_sockets(&file, choice)?;
     let (left_root, left) = pose(&file, left)?;
     let (right_root, right) = pose(&file, right)?;
@@ -102,11 +85,60 @@ pub(crate) fn rig_from_json(
         });
     }
     let mut rig = RigCalibration::from_poses(left, right)?;
-    rig.notes.push(format!(
+    rig.notes.push(note(&file));
+    Ok(rig)
+}
+
+/// All cameras of `calib.json`; those whose chains of extrinsics end at another socket than the first one's have no place.
+pub(crate) fn cameras(value: &serde_json::Value) -> Result<Parsed, CalibError> {
+    let file = file(value)?;
+    let mut root = None;
+    let mut cameras = Vec::new();
+    for (socket, _) in &file.camera_data {
+        let (own_root, pose) = pose(&file, *socket)?;
+        let shared = *root.get_or_insert(own_root) == own_root;
+        cameras.push(CameraFile {
+            name: pose.name,
+            camera: pose.camera,
+            rig_from_cam: shared.then_some(pose.rig_from_cam),
+        });
+    }
+    if cameras.is_empty() {
+        return Err(syntax("it holds no camera"));
+    }
+    Ok(Parsed {
+        format: FORMAT,
+        cameras,
+        notes: vec![note(&file)],
+        unit: UnitFrom::Stated,
+        sides_told: false,
+        poses_hint: "its extrinsics must join the two",
+    })
+}
+
+fn file(value: &serde_json::Value) -> Result<File, CalibError> {
+    let file: File = File::deserialize(value).map_err(|e| syntax(&e.to_string()))?;
+    if file.camera_data.len() > MAX_CAMERAS {
+        return Err(syntax(&format!(
+            "{} cameras in one file (at most {MAX_CAMERAS})",
+            file.camera_data.len()
+        )));
+    }
+    Ok(file)
+}
+
+fn syntax(reason: &str) -> CalibError {
+    CalibError::Syntax {
+        format: FORMAT,
+        reason: reason.to_owned(),
+    }
+}
+
+fn note(file: &File) -> String {
+    format!(
         "DepthAI factory calibration, board {:?}, revision {:?}, product {:?}",
         file.board_name, file.board_rev, file.product_name
-    ));
-    Ok(rig)
+    )
 }
 
 fn chosen_sockets(file: &File, choice: Option<[&str; 2]>) -> Result<[i64; 2], CalibError> {
@@ -197,49 +229,9 @@ fn camera(info: &CameraInfo) -> Result<Camera, String> {
             info.camera_type
         ));
     }
-    let [[fx, skew, cx], [zero, fy, cy], last] = info.intrinsic_matrix;
-    if skew != 0.0 || zero != 0.0 || last != [0.0, 0.0, 1.0] {
-        return Err(format!(
-            "intrinsicMatrix {:?} is not of the form [fx 0 cx, 0 fy cy, 0 0 1]",
-            info.intrinsic_matrix
-        ));
-    }
     Ok(Camera {
-        intrinsics: Intrinsics {
-            width: info.width,
-            height: info.height,
-            fx,
-            fy,
-            cx,
-            cy,
-        },
-        distortion: distortion(&info.distortion_coeff)?,
+        intrinsics: intrinsics_from_rows(&info.intrinsic_matrix, (info.width, info.height))
+            .map_err(|reason| format!("intrinsicMatrix {reason}"))?,
+        distortion: brown_conrady(&info.distortion_coeff)?,
     })
-}
-
-fn distortion(c: &[f64]) -> Result<Distortion, String> {
-    if ![0, 4, 5, 8, 12, 14].contains(&c.len()) {
-        return Err(format!(
-            "{} distortion coefficients; there must be 0, 4, 5, 8, 12 or 14",
-            c.len()
-        ));
-    }
-    if let Some((i, v)) = c.iter().enumerate().skip(8).find(|(_, v)| **v != 0.0) {
-        return Err(format!(
-            "distortion coefficient {} is {v}; thin prism and tilted sensor terms (9th to 14th) are not supported and must \
-             be 0",
-            i + 1
-        ));
-    }
-    let at = |i: usize| c.get(i).copied().unwrap_or(0.0);
-    Ok(Distortion::from(BrownConrady {
-        k1: at(0),
-        k2: at(1),
-        p1: at(2),
-        p2: at(3),
-        k3: at(4),
-        k4: at(5),
-        k5: at(6),
-        k6: at(7),
-    }))
 }

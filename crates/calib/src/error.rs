@@ -23,6 +23,16 @@ pub enum CalibError {
         /// Which file.
         path: PathBuf,
     },
+    /// A fault of files that were read together.
+    #[error("{fault}: {} and {}", .first.display(), .rest.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(" and "))]
+    Files {
+        /// What is wrong with them.
+        fault: Box<CalibError>,
+        /// The first file.
+        first: PathBuf,
+        /// The others.
+        rest: Vec<PathBuf>,
+    },
     /// The file is larger than any calibration.
     #[error("the file has more than {limit} bytes, which no calibration has")]
     TooLarge {
@@ -31,8 +41,8 @@ pub enum CalibError {
     },
     /// None of the formats that are known.
     #[error(
-        "not a calibration that is known here ({reason}); known are: TOML with format = \"vergence-rig\", the calib.json \
-         of a DepthAI camera, a Qualisys .qca.txt"
+        "not a calibration that is known here ({reason}); known are: our TOML and JSON, OpenCV's YAML and XML, ROS camera_info, \
+         Kalibr camchain, the calib.json of a DepthAI camera, a Qualisys .qca.txt"
     )]
     UnknownFormat {
         /// What speaks against each.
@@ -44,6 +54,14 @@ pub enum CalibError {
         /// Which format.
         format: &'static str,
         /// What its parser says.
+        reason: String,
+    },
+    /// The format to write has no place for something that the calibration holds.
+    #[error("{format} cannot hold this calibration: {reason}")]
+    CannotHold {
+        /// Which format.
+        format: &'static str,
+        /// What has no place, and what would do.
         reason: String,
     },
     /// A number or a choice in the file that cannot be right.
@@ -80,5 +98,21 @@ pub enum CalibError {
         calibrated: (usize, usize),
         /// Width and height of the pictures, pixels.
         pictures: (usize, usize),
+    },
+    /// The pictures cannot tell what is asked of them.
+    #[error("{reason}; {remedy}")]
+    Views {
+        /// What is wrong with them.
+        reason: String,
+        /// What to do about it.
+        remedy: String,
+    },
+    /// A text or a file that describes no target.
+    #[error("\"{text}\" is no calibration target: {reason}")]
+    Target {
+        /// What was given.
+        text: String,
+        /// What is wrong and what would be right.
+        reason: String,
     },
 }

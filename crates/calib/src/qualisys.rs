@@ -12,45 +12,26 @@ use nalgebra::{Isometry3, Matrix3, Translation3, Vector3};
 use roxmltree::Node;
 use vergence_geometry::{BrownConrady, Camera, Distortion, Intrinsics};
 
+use crate::camera_file::{CameraFile, MAX_CAMERAS, Parsed, UnitFrom};
+use crate::read::MAX_XML_NODES;
 use crate::rig::{CameraPose, MAX_SIDE, rotation_from_rows};
 use crate::{CalibError, RigCalibration};
 
 /// The file's unit of length in the picture: this many make one pixel.
 const UNITS_PER_PIXEL: f64 = 64.0;
 
-/// Most XML nodes that are read.
-const MAX_NODES: u32 = 100_000;
+/// What the format is called.
+pub(crate) const FORMAT: &str = "Qualisys";
 
 /// A rig from the text of a `.qca.txt`.
 pub(crate) fn rig_from_xml(
     text: &str,
     choice: Option<[&str; 2]>,
 ) -> Result<RigCalibration, CalibError> {
-    let options = roxmltree::ParsingOptions {
-        nodes_limit: MAX_NODES,
-        ..roxmltree::ParsingOptions::default()
-    };
-    let document =
-        roxmltree::Document::parse_with_options(text, options).map_err(|e| CalibError::Syntax {
-            format: "Qualisys",
-            reason: e.to_string(),
-        })?;
+    let document = document(text)?;
     let root = document.root_element();
-    let cameras: Vec<Node<'_, '_>> = root
-        .children()
-        .filter(|n| n.has_tag_name("cameras"))
-        .flat_map(|n| n.children())
-        .filter(|n| n.has_tag_name("camera"))
-        .collect();
-    if !root.has_tag_name("calibration") || cameras.is_empty() {
-        return Err(CalibError::UnknownFormat {
-            reason: "XML without <calibration><cameras><camera>".to_owned(),
-        });
-    }
-    let serials: Vec<&str> = cameras
-        .iter()
-        .map(|n| n.attribute("serial").unwrap_or(""))
-        .collect();
+    let cameras = camera_nodes(root)?;
+    let serials: Vec<&str> = cameras.iter().map(|n| serial(*n)).collect();
     let [left, right] = chosen(&serials, choice)?;
     let mut rig = RigCalibration::from_poses(
         pose(cameras[left], serials[left])?,
@@ -63,6 +44,74 @@ pub(crate) fn rig_from_xml(
         cameras[right].attribute("avg-residual").unwrap_or("?"),
     ));
     Ok(rig)
+}
+
+/// All cameras of a `.qca.txt`.
+pub(crate) fn cameras_from_xml(text: &str) -> Result<Parsed, CalibError> {
+    let document = document(text)?;
+    let root = document.root_element();
+    let nodes = camera_nodes(root)?;
+    if nodes.len() > MAX_CAMERAS {
+        return Err(CalibError::Syntax {
+            format: FORMAT,
+            reason: format!(
+                "{} cameras in one file (at most {MAX_CAMERAS})",
+                nodes.len()
+            ),
+        });
+    }
+    let cameras = nodes
+        .into_iter()
+        .map(|node| {
+            let pose = pose(node, serial(node))?;
+            Ok(CameraFile {
+                name: pose.name,
+                camera: pose.camera,
+                rig_from_cam: Some(pose.rig_from_cam),
+            })
+        })
+        .collect::<Result<_, CalibError>>()?;
+    Ok(Parsed {
+        format: FORMAT,
+        cameras,
+        notes: vec![format!(
+            "Qualisys calibration, source {:?}",
+            root.attribute("source").unwrap_or("")
+        )],
+        unit: UnitFrom::Stated,
+        sides_told: false,
+        poses_hint: "every camera of this format has its transform",
+    })
+}
+
+fn document(text: &str) -> Result<roxmltree::Document<'_>, CalibError> {
+    let options = roxmltree::ParsingOptions {
+        nodes_limit: MAX_XML_NODES,
+        ..roxmltree::ParsingOptions::default()
+    };
+    roxmltree::Document::parse_with_options(text, options).map_err(|e| CalibError::Syntax {
+        format: FORMAT,
+        reason: e.to_string(),
+    })
+}
+
+fn camera_nodes<'a, 'i>(root: Node<'a, 'i>) -> Result<Vec<Node<'a, 'i>>, CalibError> {
+    let cameras: Vec<Node<'a, 'i>> = root
+        .children()
+        .filter(|n| n.has_tag_name("cameras"))
+        .flat_map(|n| n.children())
+        .filter(|n| n.has_tag_name("camera"))
+        .collect();
+    if !root.has_tag_name("calibration") || cameras.is_empty() {
+        return Err(CalibError::UnknownFormat {
+            reason: "XML without <calibration><cameras><camera> or <opencv_storage>".to_owned(),
+        });
+    }
+    Ok(cameras)
+}
+
+fn serial<'a>(camera: Node<'a, '_>) -> &'a str {
+    camera.attribute("serial").unwrap_or("")
 }
 
 fn chosen(serials: &[&str], choice: Option<[&str; 2]>) -> Result<[usize; 2], CalibError> {

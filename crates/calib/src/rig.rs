@@ -138,25 +138,44 @@ pub(crate) fn index(eye: Eye) -> usize {
 
 /// Whether a camera can be what its numbers say; remarks on what is unusual.
 fn check_camera(pose: &CameraPose) -> Result<Vec<String>, CalibError> {
+    check_place(&pose.name, &pose.rig_from_cam)?;
+    check_lens(&pose.name, &pose.camera)
+}
+
+/// Whether a place is made of finite numbers.
+pub(crate) fn check_place(name: &str, rig_from_cam: &Isometry3<f64>) -> Result<(), CalibError> {
+    let (t, q) = (
+        &rig_from_cam.translation.vector,
+        &rig_from_cam.rotation.coords,
+    );
+    finite(name, t.iter().chain(q.iter()))
+}
+
+fn finite<'v>(name: &str, mut numbers: impl Iterator<Item = &'v f64>) -> Result<(), CalibError> {
+    match numbers.find(|v| !v.is_finite()) {
+        None => Ok(()),
+        Some(bad) => Err(CalibError::Camera {
+            camera: name.to_owned(),
+            reason: format!("{bad} is not a number to calculate with"),
+        }),
+    }
+}
+
+/// Whether lens and picture can be what their numbers say; remarks on what is unusual.
+pub(crate) fn check_lens(name: &str, camera: &Camera) -> Result<Vec<String>, CalibError> {
     let refuse = |reason: String| {
         Err(CalibError::Camera {
-            camera: pose.name.clone(),
+            camera: name.to_owned(),
             reason,
         })
     };
-    let k = &pose.camera.intrinsics;
-    let t = pose.rig_from_cam.translation.vector;
-    let q = pose.rig_from_cam.rotation.coords;
-    let numbers = [k.fx, k.fy, k.cx, k.cy];
-    if let Some(bad) = numbers
-        .iter()
-        .chain(&pose.camera.distortion.coefficients())
-        .chain(t.iter())
-        .chain(q.iter())
-        .find(|v| !v.is_finite())
-    {
-        return refuse(format!("{bad} is not a number to calculate with"));
-    }
+    let k = &camera.intrinsics;
+    finite(
+        name,
+        [k.fx, k.fy, k.cx, k.cy]
+            .iter()
+            .chain(&camera.distortion.coefficients()),
+    )?;
     for side in [k.width, k.height] {
         if !(1..=MAX_SIDE).contains(&side) {
             return refuse(format!(
@@ -185,7 +204,7 @@ fn check_camera(pose: &CameraPose) -> Result<Vec<String>, CalibError> {
             brief(k.cy)
         ));
     }
-    let share = share_with_rays(&pose.camera);
+    let share = share_with_rays(camera);
     if share < LEAST_SHARE_WITH_RAYS {
         return refuse(format!(
             "its distortion cannot be undone over {:.0} % of the picture; the coefficients cannot be those of this lens",
@@ -196,7 +215,7 @@ fn check_camera(pose: &CameraPose) -> Result<Vec<String>, CalibError> {
     if share < 1.0 {
         notes.push(format!(
             "camera {}: the distortion cannot be undone over {:.1} % of the picture; nothing is measured there",
-            pose.name,
+            name,
             100.0 * (1.0 - share)
         ));
     }

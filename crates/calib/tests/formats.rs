@@ -133,15 +133,26 @@ fn toml_round_trip() {
 #[test]
 fn documented_example_is_read() {
     let page = include_str!("../../../docs/reference-calibration.md");
-    let example = page
-        .split("```toml\n")
-        .nth(1)
-        .unwrap()
-        .split("```")
-        .next()
-        .unwrap();
+    let examples = |language: &str| -> Vec<String> {
+        page.split(&format!("```{language}\n"))
+            .skip(1)
+            .map(|rest| rest.split("```").next().unwrap().to_owned())
+            .collect()
+    };
+    let example = &examples("toml")[0];
     let rig = RigCalibration::parse(example, None).unwrap();
     assert!((rig.interaxial_m() - 0.0738).abs() < 1e-9);
+    let [opencv, ros, kalibr] = &examples("yaml")[..] else {
+        panic!("an example of each is expected");
+    };
+    for text in [opencv, kalibr] {
+        let rig = RigCalibration::parse(text, None).unwrap();
+        assert!((rig.interaxial_m() - 0.12).abs() < 1e-12);
+    }
+    let options = vergence_calib::ReadOptions::default();
+    let right = vergence_calib::parse_cameras(ros, &options).unwrap();
+    let at = right.cameras[0].rig_from_cam.unwrap().translation.vector;
+    assert!((at - Vector3::new(0.12, 0.0, 0.0)).norm() < 1e-5);
 }
 
 fn depthai(
@@ -266,7 +277,7 @@ fn depthai_refusals() {
         (
             good[..good.len() / 2].to_owned(),
             None,
-            "DepthAI calibration cannot be read",
+            "JSON calibration cannot be read",
         ),
     ] {
         let error = RigCalibration::parse(&text, choice)
@@ -419,7 +430,7 @@ fn qualisys_refusals() {
         (
             "<calibration><cameras>".to_owned(),
             None,
-            "Qualisys calibration cannot be read",
+            "XML calibration cannot be read",
         ),
     ] {
         let error = RigCalibration::parse(&text, choice)
@@ -462,7 +473,7 @@ fn toml_refusals() {
             "each side must lie in 1..=32768",
         ),
         (without_left_name, "missing field `name`"),
-        ("what is this".to_owned(), "neither XML, JSON nor TOML"),
+        ("what is this".to_owned(), "neither XML, JSON, TOML nor"),
         (String::new(), "it is empty"),
     ] {
         let error = RigCalibration::parse(&text, None).unwrap_err().to_string();
@@ -513,7 +524,7 @@ fn impossible_lenses_are_refused() {
         c.distortion = Distortion::from(BrownConrady {
             k1: -0.4,
             ..BrownConrady::NONE
-        })
+        });
     })
     .unwrap();
     assert!(

@@ -8,7 +8,7 @@
 
 use proptest::prelude::*;
 use proptest::strategy::ValueTree as _;
-use vergence_calib::RigCalibration;
+use vergence_calib::{Format, ReadOptions, RigCalibration, parse_cameras};
 
 const TOML: &str = r#"format = "vergence-rig"
 version = 1
@@ -137,6 +137,115 @@ fn must_not_surprise(text: &str) {
                     .all(|c| c.intrinsics.fx > 0.0 && c.intrinsics.width > 0)
             );
         }
+    }
+}
+
+/// The golden files of the other formats, which their mutations start from.
+const OTHERS: [&str; 8] = [
+    include_str!("data/opencv_rational_mm.yml"),
+    include_str!("data/opencv_rational_mm.xml"),
+    include_str!("data/opencv_fisheye.yml"),
+    include_str!("data/opencv_single_fisheye.xml"),
+    include_str!("data/ros_plumb_bob_left.yaml"),
+    include_str!("data/ros_equidistant_right.yaml"),
+    include_str!("data/kalibr_radtan.yaml"),
+    include_str!("data/kalibr_equidistant.yaml"),
+];
+
+/// Cameras that were read are ones that can be calculated with and written, and what is written is read.
+fn others_must_not_surprise(text: &str) {
+    must_not_surprise(text);
+    let options = ReadOptions::default();
+    for other in [
+        OTHERS[4],
+        include_str!("data/opencv_extrinsics.yml"),
+        include_str!("data/opencv_intrinsics.xml"),
+    ] {
+        if let Ok(rig) = RigCalibration::parse_with(&[text, other], &options) {
+            assert!(rig.interaxial_m() > 0.0 && rig.interaxial_m().is_finite());
+        }
+    }
+    let Ok(set) = parse_cameras(text, &options) else {
+        return;
+    };
+    assert!((1..=64).contains(&set.cameras.len()));
+    for format in Format::ALL {
+        if let Ok(files) = set.to_text(format) {
+            for file in files {
+                parse_cameras(&file.text, &options).unwrap();
+            }
+        }
+    }
+}
+
+/// The files that mutations start from are good, so that the mutations are not all refused at the door.
+#[test]
+fn unchanged_other_files_are_read() {
+    for text in OTHERS {
+        parse_cameras(text, &ReadOptions::default()).unwrap();
+        others_must_not_surprise(text);
+    }
+}
+
+/// Nesting, aliases, sizes and cameras without end are refused, not followed.
+#[test]
+fn other_formats_have_limits() {
+    let n = 200_000;
+    let many: String = (0..65).fold(String::new(), |all, i| {
+        all + &format!("cam{i}: {{camera_model: pinhole}}\n")
+    });
+    let bomb = "a: &a [x, x, x, x]\nb: &b [*a, *a, *a, *a]\nc: [*b, *b, *b, *b]\ncam0: {}\n";
+    for text in [
+        format!("%YAML:1.0\n---\nK: {}", "[".repeat(n)),
+        format!("cam0: {}", "{a: ".repeat(n)),
+        format!("cam0:\n{}", "- ".repeat(n)),
+        format!("camera_matrix:\n  {}", "? ".repeat(n)),
+        format!("<opencv_storage>{}", "<_>".repeat(n)),
+        format!(
+            "<opencv_storage>{}1{}</opencv_storage>",
+            "<a>".repeat(40),
+            "</a>".repeat(40)
+        ),
+        many,
+        bomb.to_owned(),
+        "%YAML:1.0\n---\nK: !!opencv-matrix\n   rows: 18446744073709551615\n   cols: 2\n   dt: d\n   data: [ 1. ]\n".to_owned(),
+        "%YAML:1.0\n---\nK: !!opencv-nd-matrix\n   sizes: [ 1e300, 1e300 ]\n   dt: d\n   data: [ 1. ]\n".to_owned(),
+    ] {
+        assert!(RigCalibration::parse(&text, None).is_err());
+        assert!(parse_cameras(&text, &ReadOptions::default()).is_err());
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 1000, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Random bytes that happen to be text, after the beginnings of the other formats.
+    #[test]
+    fn random_bytes_of_other_formats(
+        start in prop_oneof![Just("%YAML:1.0\n---\n"), Just("%YAML 1.2\n---\n"), Just("<opencv_storage>"), Just("cam0:\n  "),
+                             Just("camera_matrix: "), Just("projection_matrix:\n"), Just("{\"format\": \"vergence-cameras\",")],
+        bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+        others_must_not_surprise(&format!("{start}{}", String::from_utf8_lossy(&bytes)));
+    }
+
+    /// Good files with up to four changes.
+    #[test]
+    fn mutated_other_files(which in 0..OTHERS.len(), changes in prop::collection::vec(change(), 1..5)) {
+        others_must_not_surprise(&changed(OTHERS[which], &changes));
+    }
+
+    /// Good files that break off.
+    #[test]
+    fn truncated_other_files(which in 0..OTHERS.len(), at in any::<prop::sample::Index>()) {
+        let text = OTHERS[which];
+        others_must_not_surprise(&text[..at.index(text.len())]);
+    }
+
+    /// Our JSON with changes.
+    #[test]
+    fn mutated_json(changes in prop::collection::vec(change(), 1..5)) {
+        let rig = RigCalibration::parse(TOML, None).unwrap();
+        others_must_not_surprise(&changed(&rig.to_json().unwrap(), &changes));
     }
 }
 
