@@ -4,12 +4,16 @@ use std::path::PathBuf;
 
 use clap::{Parser, Subcommand};
 
+use crate::calibrate::{self, CalibrateArgs};
 use crate::config::{self, ConfigArgs};
+use crate::depth::{self, DepthArgs};
 use crate::fault;
 use crate::grade::{self, GradeArgs};
+use crate::health::{self, HealthArgs};
 use crate::model::{self, ModelArgs};
 use crate::plan::{self, PlanArgs};
 use crate::project::{self, ProjectArgs};
+use crate::rectify::{self, RectifyArgs};
 use crate::run::{self, RunArgs};
 use crate::settings::{Override, Settings};
 
@@ -28,6 +32,7 @@ Examples:
   vergence plan --base 100mm --near 2m       another rig
   vergence project --mode converged --convergence 1m --point 0.4,0.3,1
   vergence grade --left l.png --right r.png  what is wrong with a pair
+  vergence depth --left l.png --right r.png --rectified --out depth
   vergence config > rig.toml                 a settings file to edit
   vergence --config rig.toml plan
 
@@ -80,8 +85,16 @@ pub(crate) enum Command {
     Project(ProjectArgs),
     #[command(about = "Hold a walking person at zero parallax, on the simulated rig or on recorded pairs", long_about = run::LONG)]
     Run(Box<RunArgs>),
+    #[command(about = "Measure the depth of every pixel of a pair: disparities, metres, a point cloud", long_about = depth::LONG)]
+    Depth(Box<DepthArgs>),
     #[command(about = "Grade a picture or a stereo pair: how good it is, and what is wrong with it", long_about = grade::LONG)]
     Grade(Box<GradeArgs>),
+    #[command(about = "Know the cameras: lenses, where they stand, what a motor step is worth, and how well", long_about = calibrate::LONG)]
+    Calibrate(Box<CalibrateArgs>),
+    #[command(about = "Rectify stereo pairs: the same rows in both, without lens distortion", long_about = rectify::LONG)]
+    Rectify(Box<RectifyArgs>),
+    #[command(about = "Say how well a rig still fits its calibration, from pictures of any scene", long_about = health::LONG)]
+    Health(Box<HealthArgs>),
     #[command(about = "List, show, import and remove the models that pictures are graded with", long_about = model::LONG)]
     Model(ModelArgs),
     #[command(about = "Print the effective settings with units, meanings and origins", long_about = config::LONG)]

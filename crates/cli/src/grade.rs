@@ -9,7 +9,7 @@ mod grader;
 mod inputs;
 mod layout;
 mod measures;
-mod names;
+pub(crate) mod names;
 mod progress;
 mod read;
 mod record;
@@ -230,12 +230,37 @@ pub(crate) fn run(global: &Global, args: &GradeArgs) -> anyhow::Result<()> {
     verdict(args, &tally, interrupted)
 }
 
+/// Most names in a title.
+const MOST_NAMES: usize = 6;
+
+/// Longest name in a title, characters.
+const NAME_CHARS: usize = 80;
+
 /// What was named in the call.
 fn title(args: &GradeArgs) -> String {
     let all = [&args.left, &args.right, &args.list];
     let named = args.inputs.iter().chain(all.into_iter().flatten());
-    let names: Vec<String> = named.take(6).map(|p| p.display().to_string()).collect();
-    names.join(", ")
+    let names: Vec<String> = named.map(|p| shortened(&p.display().to_string())).collect();
+    let (shown, more) = names.split_at(names.len().min(MOST_NAMES));
+    match more.len() {
+        0 => shown.join(", "),
+        count => format!("{} \u{2026} and {count} more", shown.join(", ")),
+    }
+}
+
+/// With an ellipsis in place of the middle when it is too long: a path's end says most.
+fn shortened(name: &str) -> String {
+    let letters: Vec<char> = name.chars().collect();
+    if letters.len() <= NAME_CHARS {
+        return name.to_owned();
+    }
+    let (head, tail) = (NAME_CHARS / 4, NAME_CHARS - NAME_CHARS / 4 - 1);
+    let text = |part: &[char]| part.iter().collect::<String>();
+    format!(
+        "{}\u{2026}{}",
+        text(&letters[..head]),
+        text(&letters[letters.len() - tail..])
+    )
 }
 
 /// What the exit code says.
@@ -339,4 +364,40 @@ fn digest(grader: &Grader, reading: Reading) -> anyhow::Result<String> {
 /// Say something on stderr, beside the bar.
 fn say(progress: &progress::Progress, text: &str) {
     progress.aside(|| output::say(text));
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser as _;
+
+    use super::*;
+
+    #[derive(clap::Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: GradeArgs,
+    }
+
+    fn title_of(args: &[&str]) -> String {
+        title(&Line::parse_from([&["grade"], args].concat()).args)
+    }
+
+    /// Short names stand whole; of long ones beginning and end, told by an ellipsis; of many names the first and how many more.
+    #[test]
+    fn titles_tell_what_they_leave_out() {
+        assert_eq!(title_of(&["a.jpg", "b.jpg"]), "a.jpg, b.jpg");
+        assert_eq!(
+            title_of(&["--left", "l.png", "--right", "r.png"]),
+            "l.png, r.png"
+        );
+        let long = format!("pictures/{}/\u{e9}t\u{e9}.jpg", "x".repeat(100));
+        let told = title_of(&[&long]);
+        assert_eq!(told.chars().count(), NAME_CHARS);
+        assert!(told.starts_with("pictures/xxx") && told.ends_with("xxx/\u{e9}t\u{e9}.jpg"));
+        assert!(told.contains('\u{2026}'));
+        let exact = "y".repeat(NAME_CHARS);
+        assert_eq!(title_of(&[&exact]), exact);
+        let many = title_of(&["1", "2", "3", "4", "5", "6", "7", "8"]);
+        assert_eq!(many, "1, 2, 3, 4, 5, 6 \u{2026} and 2 more");
+    }
 }

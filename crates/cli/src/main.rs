@@ -4,14 +4,19 @@
 //! stderr; 0 is success, 1 a failure, 2 a call that cannot be answered as it was typed.
 
 mod args;
+mod calibrate;
+mod calibration;
 mod config;
+mod depth;
 mod fault;
 mod figure;
 mod grade;
+mod health;
 mod model;
 mod output;
 mod plan;
 mod project;
+mod rectify;
 mod rig;
 mod run;
 mod settings;
@@ -36,8 +41,12 @@ fn run(args: &Args) -> anyhow::Result<()> {
         Command::Plan(plan) => plan::run(&args.global, plan),
         Command::Project(project) => project::run(&args.global, project),
         Command::Run(args_of_run) => run::run(&args.global, args_of_run),
+        Command::Depth(args_of_depth) => depth::run(&args.global, args_of_depth),
         Command::Grade(args_of_grade) => grade::run(&args.global, args_of_grade),
+        Command::Calibrate(args_of_calibrate) => calibrate::run(&args.global, args_of_calibrate),
+        Command::Health(args_of_health) => health::run(args_of_health),
         Command::Model(model) => model::run(model),
+        Command::Rectify(rectify) => rectify::run(rectify),
         Command::Config(config) => config::run(&args.global, config),
     }
 }

@@ -116,7 +116,8 @@ pub(crate) struct RunArgs {
     /// Right pictures.
     #[arg(long, value_name = "PICTURES", help_heading = "Files")]
     right: Option<PathBuf>,
-    /// Calibration of the pair: our TOML, a DepthAI calib.json, a Qualisys file.
+    /// Calibration of the pair (any known format); of the twin the calibration of a machine, or `true` for its settings themselves [default
+    /// of the twin: a calibration of it, as far as it is set as calibrated].
     #[arg(long, value_name = "FILE", help_heading = "Files")]
     calibration: Option<PathBuf>,
     /// Which cameras of a calibration of many: LEFT,RIGHT by name or serial.

@@ -8,7 +8,9 @@ mod grading;
 
 use std::process::Stdio;
 
-use grading::{Place, beside, drawn_leaves, jpeg, leaves, mpo, number, pair, shared, with_segment};
+use grading::{
+    Place, beside, drawn_leaves, fields, jpeg, leaves, mpo, number, pair, shared, with_segment,
+};
 use serde_json::Value;
 use vergence_imaging::Rgb;
 
@@ -409,6 +411,24 @@ fn a_killed_call_is_gone_on_with() {
     assert_eq!(summary["summary"]["skipped"], 11);
 }
 
+/// A file of results that cannot be opened is a fault of the call: code 2, said before anything is graded, and the folder named.
+#[test]
+fn results_need_a_folder_that_is_there() {
+    let place = Place::new();
+    place.picture("leaf.png", &drawn_leaves(96, 80, 3));
+    let missing = place.grade(&["leaf.png", "--out", "no/such/r.jsonl"]);
+    let told = missing.refused(2);
+    assert!(
+        told.contains("cannot write no/such/r.jsonl") && told.contains("make the folder no/such"),
+        "{told}"
+    );
+    assert!(!place.path("no").exists());
+    let below_a_file = place.grade(&["leaf.png", "--out", "leaf.png/r.jsonl"]);
+    below_a_file.refused(2);
+    let a_folder = place.grade(&["leaf.png", "--out", "data"]);
+    a_folder.refused(2);
+}
+
 /// An ordered folder gone on with: what was excused stays excused, a sequence is known by all its pictures, and one of them that changed brings a new
 /// account of the whole. A single item that is finished says so.
 #[test]
@@ -672,28 +692,5 @@ fn the_reference_is_true() {
             is_file || found.iter().any(|f| f == name),
             "{name} is in the reference and not in the output"
         );
-    }
-}
-
-/// Paths of all fields of a JSON value, those of list entries under the list's name.
-fn fields(value: &Value, path: &str, found: &mut Vec<String>) {
-    match value {
-        Value::Object(entries) => {
-            for (name, inner) in entries {
-                // Names of fields that are null are data here.
-                if path == "not_judged" {
-                    continue;
-                }
-                let inner_path = if path.is_empty() {
-                    name.clone()
-                } else {
-                    format!("{path}.{name}")
-                };
-                found.push(inner_path.clone());
-                fields(inner, &inner_path, found);
-            }
-        }
-        Value::Array(entries) => entries.iter().for_each(|inner| fields(inner, path, found)),
-        _ => {}
     }
 }

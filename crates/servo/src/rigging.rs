@@ -1,6 +1,7 @@
 //! What carries the cameras: motors, or a calibrated mount that does not move.
 
 use nalgebra::Isometry3;
+use vergence_calib::MachineCalibration;
 use vergence_capture::StereoFrame;
 use vergence_control::{
     AxisError, AxisReading, BoxedAxis, ControlOutput, Controller, LoadObserver, TargetEstimate,
@@ -25,6 +26,13 @@ pub struct Motors {
     controller: Controller,
     observer: LoadObserver,
     zero_sigma_rad: f64,
+    calibrated: Option<Calibrated>,
+}
+
+/// A calibrated machine, and what its axes turn for a radian of the counters.
+struct Calibrated {
+    machine: MachineCalibration,
+    turn_per_counted: [f64; 4],
 }
 
 /// How well a vergence axis finds its zero by default, rad (0.005°): the repeatability of a homing switch.
@@ -82,6 +90,30 @@ impl Motors {
             controller,
             observer: LoadObserver::new(backlash_rad),
             zero_sigma_rad: ZERO_SIGMA_RAD,
+            calibrated: None,
+        }
+    }
+
+    /// With a calibrated machine instead of the dimensions it was built to: where the cameras stand follows from its axes, mounts and what a
+    /// step is worth. `step_rad` is what the counters of the axes count a step as.
+    pub fn with_machine(mut self, machine: MachineCalibration, step_rad: [f64; 4]) -> Self {
+        let turn_per_counted = std::array::from_fn(|i| machine.axes[i].rad_per_step / step_rad[i]);
+        self.calibrated = Some(Calibrated {
+            machine,
+            turn_per_counted,
+        });
+        self
+    }
+
+    /// Where a camera stands when the loads of the axes stand at these angles of the counters.
+    fn base_from_cam(&self, eye: Eye, angles: &HeadAngles) -> Isometry3<f64> {
+        match &self.calibrated {
+            None => self.geometry.base_from_cam(eye, angles),
+            Some(calibrated) => {
+                let counted = angles.to_array();
+                let turned = std::array::from_fn(|i| counted[i] * calibrated.turn_per_counted[i]);
+                calibrated.machine.base_from_cam_at(eye, &turned)
+            }
         }
     }
 
@@ -108,7 +140,7 @@ impl Motors {
         for eye in Eye::BOTH {
             let at_s = pair.of(eye).capture_s;
             let angles = self.moved(&angles, &readings, at_s)?;
-            base_from_cam[eye as usize] = self.geometry.base_from_cam(eye, &angles);
+            base_from_cam[eye as usize] = self.base_from_cam(eye, &angles);
         }
         Ok(Stance {
             angles,

@@ -17,7 +17,7 @@ use crate::report::{print_agreement, print_classes};
 use crate::store;
 
 /// The model of a file, or the one that ships.
-fn model_of(file: Option<PathBuf>) -> Result<Model> {
+pub fn model_of(file: Option<PathBuf>) -> Result<Model> {
     match file {
         Some(file) => {
             let bytes = std::fs::read(&file).with_context(|| file.display().to_string())?;

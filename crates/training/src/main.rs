@@ -14,6 +14,7 @@ const USAGE: &str = "usage:
   vergence-training train [--seed 1] [--scenes 90] [--set FILE] [--out FILE]   make the default model
   vergence-training evaluate SHARED_FOLDER [--model FILE]    the test set: against the LIVE model's scores
   vergence-training validate [--model FILE] [--live MAT] [--set FILE] PICTURE...  against labels on pictures of your own
+  vergence-training rising [--seed 1] [--model FILE]         where scores of the scenes held out rise with the strength
   vergence-training show FOLDER COUNT [--seed 1]             write scenes as PNG";
 
 fn main() -> ExitCode {
@@ -33,6 +34,7 @@ fn run(args: &[String]) -> Result<()> {
     let seed = options.number("seed", 1)?;
     match words.as_slice() {
         ["train"] => train(seed, &options),
+        ["rising"] => rising(seed, options.path("model")),
         ["show", folder, count] => show(folder, count.parse()?, seed),
         ["validate", pictures @ ..] => {
             let (model, live) = (options.path("model"), options.path("live"));
@@ -76,6 +78,14 @@ fn make(seed: u64, scenes: usize) -> Result<Vec<Example>> {
     set.extend(examples(seed, scenes..total, report::LADDER, done)?);
     eprintln!();
     Ok(set)
+}
+
+/// The model on the scenes that its training held out.
+fn rising(seed: u64, model: Option<PathBuf>) -> Result<()> {
+    let total = report::SCENES + report::SCENES / report::HELD_OUT_ONE_IN;
+    let held = examples(seed, report::SCENES..total, report::LADDER, |_| ())?;
+    report::print_rising(&evaluate::model_of(model)?, &held);
+    Ok(())
 }
 
 fn show(folder: &str, count: usize, seed: u64) -> Result<()> {

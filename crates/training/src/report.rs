@@ -1,5 +1,7 @@
 //! Training as the command does it, and how the model does on scenes that it has not seen.
 
+use std::collections::BTreeMap;
+
 use anyhow::Result;
 use vergence_quality::{DISTORTIONS, Model};
 
@@ -45,7 +47,41 @@ pub fn train_and_report(set: &[Example], scenes: usize, seed: u64) -> Result<Mod
     let labels = held.iter().map(|e| targets.labels().label(&e.measures));
     print_agreement(&found.model, &held, &labels.collect::<Vec<f64>>());
     print_classes(&found.model, &held);
+    print_rising(&found.model, &held);
     Ok(found.model)
+}
+
+/// For each distortion of how many scenes the score rises from each strength to the next, and at which steps it falls how often.
+/// The examples of a scene and a class stand in the order of their strengths.
+pub fn print_rising(model: &Model, examples: &[Example]) {
+    let mut ladders: BTreeMap<(usize, usize), Vec<f64>> = BTreeMap::new();
+    for e in examples {
+        if let [step] = e.steps.as_slice() {
+            let key = (class_of(*step), e.scene);
+            let score = model.score(&e.features).score;
+            ladders.entry(key).or_default().push(score);
+        }
+    }
+    println!(
+        "scores that rise at each step of the strengths, and where how many fall, weakest step first"
+    );
+    for (class, distortion) in DISTORTIONS.iter().enumerate() {
+        let own = ladders.iter().filter(|(key, _)| key.0 == class);
+        let scores: Vec<&Vec<f64>> = own.map(|(_, scores)| scores).collect();
+        let rising = scores.iter().filter(|s| s.is_sorted_by(|a, b| a < b));
+        let steps = scores.iter().map(|s| s.len()).max().unwrap_or(1) - 1;
+        let falls = |i: usize| {
+            let falls = |s: &&&Vec<f64>| s.get(i + 1).is_some_and(|&next| next <= s[i]);
+            scores.iter().filter(falls).count()
+        };
+        println!(
+            "{:<16}  {} of {} scenes, {:?}",
+            distortion.name(),
+            rising.count(),
+            scores.len(),
+            (0..steps).map(falls).collect::<Vec<usize>>()
+        );
+    }
 }
 
 fn print_choices(found: &Trained) {

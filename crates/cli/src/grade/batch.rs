@@ -21,6 +21,10 @@ use super::results::Finished;
 /// bytes for each.
 const PIXELS_IN_WORK: usize = 16_000_000;
 
+/// Pixels of one eye of items that are begun and not told yet, when their pictures are kept for a report: 6 bytes each (two eyes, three
+/// colours), so about 300 MB. An item that has more is alone, too.
+const PIXELS_KEPT: usize = 48_000_000;
+
 /// How far the newest item in work may be ahead of the oldest that is not told yet.
 const AHEAD: usize = 64;
 
@@ -39,8 +43,8 @@ pub(super) enum Event {
 pub(super) enum Done {
     /// Graded, or failed with a reason in the record.
     Graded(Box<Graded>),
-    /// An earlier call had done it.
-    Finished(Finished, Place),
+    /// An earlier call had done the item of this name.
+    Finished(Finished, Place, String),
 }
 
 /// A record and what a report draws.
@@ -76,7 +80,7 @@ pub(super) fn run(
     plan: &Plan<'_>,
     mut told: impl FnMut(Event) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
-    let gate = Gate::default();
+    let gate = Gate::new(plan.keep);
     let stopped = AtomicBool::new(false);
     let halt = || plan.stop.load(Ordering::Relaxed) || stopped.load(Ordering::Relaxed);
     let pools: Vec<rayon::ThreadPool> = (0..plan.workers)
@@ -113,6 +117,13 @@ pub(super) fn run(
     })
 }
 
+/// What a worker says of a task.
+struct Told {
+    index: usize,
+    pixels: usize,
+    done: Done,
+}
+
 /// One worker: take a task, do it, say so.
 fn work(
     pool: &rayon::ThreadPool,
@@ -120,7 +131,7 @@ fn work(
     tasks: &Mutex<Receiver<(usize, Task)>>,
     gate: &Gate,
     halt: &(impl Fn() -> bool + Sync),
-    to_teller: &Sender<(usize, Done)>,
+    to_teller: &Sender<Told>,
 ) {
     loop {
         let next = lock(tasks).recv();
@@ -131,14 +142,18 @@ fn work(
         if !halt() {
             let done = pool.install(|| done(task, plan));
             // Nobody listens only when all is over.
-            let _ = to_teller.send((index, done));
+            let _ = to_teller.send(Told {
+                index,
+                pixels,
+                done,
+            });
         }
         gate.release(pixels);
     }
 }
 
 fn tell_in_order(
-    done: &Receiver<(usize, Done)>,
+    done: &Receiver<Told>,
     plan: &Plan<'_>,
     gate: &Gate,
     told: &mut impl FnMut(Event) -> anyhow::Result<()>,
@@ -151,20 +166,24 @@ fn tell_in_order(
             told(Event::Stopping(plan.workers))?;
         }
         match done.recv_timeout(LOOK_EVERY) {
-            Ok((index, done)) => {
-                waiting.insert(index, done);
+            Ok(Told {
+                index,
+                pixels,
+                done,
+            }) => {
+                waiting.insert(index, (pixels, done));
             }
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => break,
         }
-        while let Some(done) = waiting.remove(&next) {
+        while let Some((pixels, done)) = waiting.remove(&next) {
             told(Event::Done(done))?;
             next += 1;
-            gate.told(next);
+            gate.told(next, pixels);
         }
     }
     // After a stop there may be gaps.
-    for done in waiting.into_values() {
+    for (_, done) in waiting.into_values() {
         told(Event::Done(done))?;
     }
     Ok(())
@@ -183,7 +202,7 @@ fn done(task: Task, plan: &Plan<'_>) -> Done {
         ..
     } = task;
     if let Work::Finished(finished) = work {
-        return Done::Finished(finished, place);
+        return Done::Finished(finished, place, name);
     }
     let mut record = Record {
         item: name,
@@ -275,29 +294,45 @@ fn outcome(graded: grader::Graded, content: Content, plan: &Plan<'_>) -> Outcome
 }
 
 /// Keeps the work within bounds.
-#[derive(Default)]
 struct Gate {
+    /// Pictures are kept until they are told.
+    keep: bool,
     state: Mutex<GateState>,
     changed: Condvar,
 }
 
 #[derive(Default)]
 struct GateState {
+    /// In work.
     pixels: usize,
+    /// Begun and not told.
+    untold: usize,
     told: usize,
 }
 
 impl Gate {
-    /// Wait until there is room for an item; `false` when it is time to stop.
+    fn new(keep: bool) -> Self {
+        Self {
+            keep,
+            state: Mutex::default(),
+            changed: Condvar::new(),
+        }
+    }
+
+    /// Wait until there is room for an item; `false` when it is time to stop. Items are admitted in their order, so those that one waits
+    /// for never wait for it.
     fn admit(&self, index: usize, pixels: usize, halt: &impl Fn() -> bool) -> bool {
+        let within = |used: usize, most: usize| used == 0 || used + pixels <= most;
         let mut state = lock(&self.state);
         loop {
             if halt() {
                 return false;
             }
-            let fits = state.pixels == 0 || state.pixels + pixels <= PIXELS_IN_WORK;
+            let fits = within(state.pixels, PIXELS_IN_WORK)
+                && (!self.keep || within(state.untold, PIXELS_KEPT));
             if fits && index < state.told + AHEAD {
                 state.pixels += pixels;
+                state.untold += pixels;
                 return true;
             }
             let woken = self.changed.wait_timeout(state, LOOK_EVERY);
@@ -310,12 +345,47 @@ impl Gate {
         self.changed.notify_all();
     }
 
-    fn told(&self, count: usize) {
-        lock(&self.state).told = count;
+    /// The item of so many pixels was told; now so many are.
+    fn told(&self, count: usize, pixels: usize) {
+        let mut state = lock(&self.state);
+        (state.told, state.untold) = (count, state.untold - pixels);
+        drop(state);
         self.changed.notify_all();
     }
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Finished items that wait for the first one to be told hold up those that come after them once their pictures are too many; without
+    /// a report only their number does. What is told makes room again, and an item beyond all bounds is let in alone.
+    #[test]
+    fn kept_pictures_are_bounded() {
+        let pixels = 12_000_000;
+        let admitted = |gate: &Gate, from: usize| {
+            let looks = std::sync::atomic::AtomicUsize::new(0);
+            // Looked at twice: there is no room now, and nobody will make any.
+            let halt = || looks.fetch_add(1, Ordering::Relaxed) > 1;
+            let mut index = from;
+            while gate.admit(index, pixels, &halt) {
+                looks.store(0, Ordering::Relaxed);
+                gate.release(pixels);
+                index += 1;
+            }
+            index - from
+        };
+        let with_report = Gate::new(true);
+        assert_eq!(admitted(&with_report, 0), PIXELS_KEPT / pixels);
+        with_report.told(1, pixels);
+        assert_eq!(admitted(&with_report, 4), 1);
+        assert_eq!(admitted(&Gate::new(false), 0), AHEAD);
+        let huge = Gate::new(true);
+        assert!(huge.admit(0, 2 * PIXELS_KEPT, &|| false));
+        assert!(lock(&huge.state).pixels > PIXELS_IN_WORK);
+    }
 }

@@ -115,6 +115,7 @@ impl EyeMeasures {
                         "white_balance_sigma_percent": p.white_balance_sigma_percent,
                         "matrix": p.matrix,
                         "shading_percent": p.shading_percent,
+                        "shading_sigma_percent": p.shading_sigma_percent,
                         "areas": p.areas,
                     }),
                 );

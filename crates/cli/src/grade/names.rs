@@ -18,7 +18,7 @@ const FILMS: [&str; 14] = [
 ];
 
 /// Whether the name is that of a picture.
-pub(super) fn is_picture(path: &Path) -> bool {
+pub(crate) fn is_picture(path: &Path) -> bool {
     has_ending(path, &PICTURES)
 }
 
@@ -49,7 +49,7 @@ fn stem(path: &Path) -> String {
 }
 
 /// The eye in a name and the name without it: `view_left_03` is the left one of `view__03`, `left03` of `03`, `a_r` of `a_`.
-pub(super) fn eye_in_name(path: &Path) -> Option<(Eye, String)> {
+pub(crate) fn eye_in_name(path: &Path) -> Option<(Eye, String)> {
     let stem = stem(path);
     let is_word = |c: char| c.is_ascii_alphanumeric();
     for (word, eye) in [("left", Eye::Left), ("right", Eye::Right)] {

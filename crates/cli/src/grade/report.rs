@@ -51,8 +51,6 @@ pub(crate) struct ReportData {
     pub(crate) quality: Option<Judged>,
     /// Causes, each with its limits and verdict.
     pub(crate) causes: Vec<Judged>,
-    /// The same of sequences as wholes.
-    pub(crate) whole: Vec<Judged>,
     /// What could not be measured, and why.
     pub(crate) not_judged: Vec<(String, String)>,
     /// Vertical disparity over the left picture.
@@ -63,8 +61,10 @@ pub(crate) struct ReportData {
     pub(crate) window: Vec<WindowStrip>,
     /// Of a line of items, the one of which pictures, scores and causes are shown.
     pub(crate) worst_item: Option<String>,
-    /// A folder, a film or a list in its order.
-    pub(crate) time_line: Option<TimeLine>,
+    /// Of several items: how many have which verdict, those of earlier calls among them.
+    pub(crate) counts: Option<Counts>,
+    /// A folder or a list in its order, and each sequence by itself.
+    pub(crate) time_lines: Vec<TimeLine>,
 }
 
 impl ReportData {
@@ -81,13 +81,13 @@ impl ReportData {
             scores: Vec::new(),
             quality: None,
             causes: Vec::new(),
-            whole: Vec::new(),
             not_judged: Vec::new(),
             vertical: None,
             parallax: None,
             window: Vec::new(),
             worst_item: None,
-            time_line: None,
+            counts: None,
+            time_lines: Vec::new(),
         }
     }
 }
@@ -203,9 +203,33 @@ impl Edge {
     }
 }
 
+/// How many items there are, and how many of each verdict.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Counts {
+    /// All, judged or not.
+    pub(crate) items: usize,
+    pub(crate) good: usize,
+    pub(crate) look: usize,
+    pub(crate) bad: usize,
+}
+
+impl Counts {
+    fn take(&mut self, verdict: Option<Verdict>) {
+        self.items += 1;
+        match verdict {
+            Some(Verdict::Good) => self.good += 1,
+            Some(Verdict::Look) => self.look += 1,
+            Some(Verdict::Bad) => self.bad += 1,
+            None => {}
+        }
+    }
+}
+
 /// Items in their order.
 #[derive(Clone, Debug)]
 pub(crate) struct TimeLine {
+    /// Of a sequence, what the call named; empty for items by themselves.
+    pub(crate) name: String,
     /// What runs along it: "time / s" or "item".
     pub(crate) axis: String,
     /// The order means something (time): the items are joined by lines.
@@ -218,6 +242,16 @@ pub(crate) struct TimeLine {
     pub(crate) limits: [f64; 2],
     /// Places of cuts.
     pub(crate) cuts: Vec<f64>,
+    /// Causes of the sequence as a whole.
+    pub(crate) whole: Vec<Judged>,
+}
+
+impl TimeLine {
+    /// The worst of its items and of the whole.
+    fn verdict(&self) -> Option<Verdict> {
+        let items = self.items.iter().filter_map(|i| i.verdict);
+        items.chain(self.whole.iter().map(|w| w.verdict)).max()
+    }
 }
 
 /// One item of a time line.

@@ -2,21 +2,20 @@
 
 use std::collections::HashMap;
 use std::fs::{File, OpenOptions};
-use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::io::{BufRead as _, BufReader, BufWriter, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
 use crate::fault::{self, Fault};
-use crate::output;
 
 use super::record::{Record, Resume, VerdictWord};
 
 /// Longest line that is read back, bytes.
 const MAX_LINE_BYTES: u64 = 4 << 20;
 
-/// Largest file that is read back, bytes.
-const MAX_FILE_BYTES: u64 = 4 << 30;
+/// Most finished items of a file; each takes some hundred bytes of memory. Twice what one call may have.
+const MAX_FINISHED: usize = 2_000_000;
 
 /// Every line of a file of results begins so.
 const START: &[u8] = b"{\"item\":";
@@ -27,6 +26,18 @@ pub(super) struct Finished {
     files: String,
     pub(super) verdict: Option<VerdictWord>,
     pub(super) score: Option<f64>,
+}
+
+#[cfg(test)]
+impl Finished {
+    /// Of any files.
+    pub(super) fn of(verdict: VerdictWord) -> Self {
+        Self {
+            files: String::new(),
+            verdict: Some(verdict),
+            score: None,
+        }
+    }
 }
 
 /// What an earlier call finished, by item.
@@ -53,16 +64,12 @@ impl Results {
     /// # Errors
     /// When the file is no file of results, or was made with other options.
     pub(super) fn open(path: &Path, options: &str) -> Result<(Self, Earlier), Fault> {
-        let mut finished = HashMap::new();
-        if path.exists() {
-            let kept = read_back(path, options, &mut finished)?;
-            output::write_file(path, &kept).map_err(|e| fault::failed(e.to_string()))?;
-        }
-        let file = OpenOptions::new()
-            .create(true)
-            .append(true)
-            .open(path)
-            .map_err(|e| cannot_write(path, &e))?;
+        let finished = match path.exists() {
+            true => ReadBack { path, options }.run()?,
+            false => HashMap::new(),
+        };
+        let opened = OpenOptions::new().create(true).append(true).open(path);
+        let file = opened.map_err(|e| cannot_open(path, &e))?;
         let results = Self {
             path: path.to_owned(),
             file,
@@ -90,56 +97,103 @@ fn cannot_write(path: &Path, error: &std::io::Error) -> Fault {
     fault::failed(format!("cannot write {}: {error}", path.display()))
 }
 
-/// The lines that stay; fills `finished`.
-fn read_back(
-    path: &Path,
-    options: &str,
-    finished: &mut HashMap<String, Finished>,
-) -> Result<Vec<u8>, Fault> {
-    let cannot_read =
-        |e: std::io::Error| fault::usage(format!("cannot read {}: {e}", path.display()));
-    let file = File::open(path).map_err(cannot_read)?;
-    if file.metadata().map_err(cannot_read)?.len() > MAX_FILE_BYTES {
-        return Err(fault::usage(format!(
-            "larger than {} GiB, the most that is read back: {}",
-            MAX_FILE_BYTES >> 30,
-            path.display()
-        )));
+/// It was named in the call, so the call is at fault, unlike a disk that fills later.
+fn cannot_open(path: &Path, error: &std::io::Error) -> Fault {
+    let fault = fault::usage(format!("cannot write {}: {error}", path.display()));
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+    match folder.filter(|p| !p.exists()) {
+        Some(folder) => fault.hint(format!("make the folder {} first", folder.display())),
+        None => fault,
     }
-    let mut lines = BufReader::new(file);
-    let mut kept = Vec::new();
-    for number in 1.. {
+}
+
+/// Reads a file of results of an earlier call.
+struct ReadBack<'a> {
+    path: &'a Path,
+    options: &'a str,
+}
+
+impl ReadBack<'_> {
+    /// What was finished. The lines that stay are copied beside the file as they are read, one in memory at a time, and the copy takes
+    /// the file's place only when something went.
+    fn run(&self) -> Result<HashMap<String, Finished>, Fault> {
+        let file = File::open(self.path).map_err(|e| self.cannot_read(&e))?;
+        let mut beside = self.path.as_os_str().to_owned();
+        beside.push(".part");
+        let beside = PathBuf::from(beside);
+        let copied = self.copy(&mut BufReader::new(file), &beside);
+        let all_stay = matches!(copied, Ok((_, true)));
+        if copied.is_err() || all_stay {
+            // That it was never made is fine.
+            let _ = std::fs::remove_file(&beside);
+        }
+        let (finished, _) = copied?;
+        if !all_stay {
+            std::fs::rename(&beside, self.path).map_err(|e| cannot_write(self.path, &e))?;
+        }
+        Ok(finished)
+    }
+
+    /// Copies what stays; what was finished, and whether that is all.
+    fn copy(
+        &self,
+        lines: &mut impl std::io::BufRead,
+        beside: &Path,
+    ) -> Result<(HashMap<String, Finished>, bool), Fault> {
+        let cannot_write = |e: std::io::Error| cannot_open(beside, &e);
+        let mut copy = BufWriter::new(File::create(beside).map_err(cannot_write)?);
+        let mut finished = HashMap::new();
+        let mut all_stay = true;
         let mut line = Vec::new();
-        let count = (&mut lines)
-            .take(MAX_LINE_BYTES)
-            .read_until(b'\n', &mut line)
-            .map_err(cannot_read)?;
-        // What a kill cut off has no end of line; what begins otherwise is somebody else's text.
-        let cut_off = line.last() != Some(&b'\n') && (count as u64) < MAX_LINE_BYTES;
-        let ours = line.starts_with(START) || START.starts_with(&line);
-        if count == 0 || cut_off && ours {
-            break;
-        }
-        let Some((item, made_with, entry)) = entry_of(&line) else {
-            return Err(fault::usage(format!(
-                "line {number} is no result of vergence grade: {}",
-                path.display()
-            ))
-            .hint("name another file with --out"));
-        };
-        if made_with != options {
-            return Err(fault::usage(format!(
-                "the results were made with another model, other options or another version: {}",
-                path.display()
-            ))
-            .hint("name another file with --out, or remove that one"));
-        }
-        if let Some(entry) = entry {
+        for number in 1.. {
+            line.clear();
+            let count = (&mut *lines)
+                .take(MAX_LINE_BYTES)
+                .read_until(b'\n', &mut line)
+                .map_err(|e| self.cannot_read(&e))?;
+            // What a kill cut off has no end of line; what begins otherwise is somebody else's text.
+            let cut_off = line.last() != Some(&b'\n') && (count as u64) < MAX_LINE_BYTES;
+            let ours = line.starts_with(START) || START.starts_with(&line);
+            if count == 0 || cut_off && ours {
+                all_stay &= count == 0;
+                break;
+            }
+            let Some((item, entry)) = self.entry(number, &line)? else {
+                all_stay = false;
+                continue;
+            };
             finished.insert(item, entry);
-            kept.extend(line);
+            if finished.len() > MAX_FINISHED {
+                return Err(self.refused(&format!("more than {MAX_FINISHED} finished items")));
+            }
+            copy.write_all(&line).map_err(cannot_write)?;
         }
+        copy.flush().map_err(cannot_write)?;
+        Ok((finished, all_stay))
     }
-    Ok(kept)
+
+    /// What a line says was finished; `None` for an item that failed.
+    fn entry(&self, number: usize, line: &[u8]) -> Result<Option<(String, Finished)>, Fault> {
+        let Some((item, made_with, entry)) = entry_of(line) else {
+            let why = format!("line {number} is no result of vergence grade");
+            return Err(self.refused(&why).hint("name another file with --out"));
+        };
+        if made_with != self.options {
+            let why = "the results were made with another model, other options or another version";
+            return Err(self
+                .refused(why)
+                .hint("name another file with --out, or remove that one"));
+        }
+        Ok(entry.map(|entry| (item, entry)))
+    }
+
+    fn refused(&self, why: &str) -> Fault {
+        fault::usage(format!("{why}: {}", self.path.display()))
+    }
+
+    fn cannot_read(&self, error: &std::io::Error) -> Fault {
+        fault::usage(format!("cannot read {}: {error}", self.path.display()))
+    }
 }
 
 /// Item, digest of the options and, unless it failed, what was found.
@@ -254,6 +308,78 @@ mod tests {
             assert!(error.contains("line 1 is no result"), "{error}");
             assert_eq!(std::fs::read_to_string(&foreign).unwrap(), text);
         }
+    }
+
+    /// A source of many times one line, which is nowhere as a whole.
+    struct Repeated {
+        line: Vec<u8>,
+        at: usize,
+        left: usize,
+    }
+
+    impl std::io::Read for Repeated {
+        fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+            if self.left == 0 {
+                return Ok(0);
+            }
+            let count = buffer.len().min(self.line.len() - self.at);
+            buffer[..count].copy_from_slice(&self.line[self.at..self.at + count]);
+            self.at += count;
+            if self.at == self.line.len() {
+                (self.at, self.left) = (0, self.left - 1);
+            }
+            Ok(count)
+        }
+    }
+
+    /// Lines go through one at a time: a stream of which no part can be looked at twice is copied whole, and one item of many lines is
+    /// one entry. A line without an end is refused once it is longer than any result, the file stays as it was and nothing beside it.
+    #[test]
+    fn lines_are_read_one_at_a_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("r.jsonl");
+        let read_back = ReadBack {
+            path: &path,
+            options: "o",
+        };
+        let one = line("a", "picture", "o").into_bytes();
+        let (length, count) = (one.len(), 50_000);
+        let mut source = BufReader::new(Repeated {
+            line: one,
+            at: 0,
+            left: count,
+        });
+        let beside = folder.path().join("beside");
+        let (finished, all_stay) = read_back.copy(&mut source, &beside).unwrap();
+        assert_eq!((finished.len(), all_stay), (1, true));
+        let copied = std::fs::metadata(&beside).unwrap().len();
+        assert_eq!(copied, (length * count) as u64);
+        std::fs::remove_file(&beside).unwrap();
+
+        let long = format!("{{\"item\":\"{}", "x".repeat(MAX_LINE_BYTES as usize));
+        std::fs::write(&path, &long).unwrap();
+        let error = Results::open(&path, "o").err().unwrap().to_string();
+        assert!(error.contains("line 1 is no result"), "{error}");
+        assert_eq!(std::fs::metadata(&path).unwrap().len(), long.len() as u64);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    /// When nothing is to go the file itself stays, and is not written again.
+    #[test]
+    fn whole_files_are_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("r.jsonl");
+        std::fs::write(&path, line("a", "picture", "o")).unwrap();
+        let long_ago = std::time::UNIX_EPOCH + std::time::Duration::from_secs(1_000_000);
+        let file = File::options().write(true).open(&path).unwrap();
+        file.set_modified(long_ago).unwrap();
+        let (_, earlier) = Results::open(&path, "o").unwrap();
+        assert!(earlier.finished("a", "f").is_some());
+        assert_eq!(
+            std::fs::metadata(&path).unwrap().modified().unwrap(),
+            long_ago
+        );
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
     /// Known value of the hash, so that files of one machine are known on another.

@@ -200,7 +200,7 @@ impl Teller {
     /// One more is done.
     pub(super) fn tell(&mut self, done: Done) -> anyhow::Result<()> {
         let place = match done {
-            Done::Finished(finished, place) => {
+            Done::Finished(finished, place, _) => {
                 self.finished(&finished, place);
                 place
             }

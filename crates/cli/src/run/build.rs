@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use vergence_calib::RigCalibration;
-use vergence_capture::{FilesConfig, FilesSource, OnFault, TwinSource};
+use vergence_calib::{MachineCalibration, RigCalibration};
+use vergence_capture::{FilesConfig, FilesSource, OnFault, TwinConfig, TwinSource};
 use vergence_control::{AutoThreshold, ControlSettings, Controller, ModeRequest, ModeSettings};
 use vergence_geometry::comfort::Rule;
 use vergence_geometry::planning::{self, Setup};
-use vergence_geometry::{Screen, Viewer};
+use vergence_geometry::{Camera, Screen, Viewer};
 use vergence_servo::{Motors, Rigging, Servo, ServoSettings};
 use vergence_track::{FollowSettings, PixelBox, Posture, TrackError, check_box};
 
@@ -30,9 +30,13 @@ pub(crate) struct Built {
 pub(crate) fn from_args(args: &RunArgs, settings: &Settings) -> anyhow::Result<Built> {
     let target = args.target.as_deref().map(box_from_text).transpose()?;
     let setup = crate::rig::setup(settings);
-    let (feed, servo) = match args.source {
+    let (feed, servo, calibration) = match args.source {
         SourceKind::Twin => twin(args, settings, &setup, target)?,
-        SourceKind::Files => files(args, target)?,
+        SourceKind::Files => {
+            let (feed, servo) = files(args, target)?;
+            let file = args.calibration.as_deref().map(|p| last_parts(p, 1));
+            (feed, servo, file.unwrap_or_default())
+        }
     };
     let twin = args.source == SourceKind::Twin;
     let pitch_m = match &feed {
@@ -52,6 +56,7 @@ pub(crate) fn from_args(args: &RunArgs, settings: &Settings) -> anyhow::Result<B
             "converged"
         }
         .to_owned(),
+        calibration,
         seed: twin.then(|| settings.number("run.seed") as u64),
         repeatable: !twin
             && ![&args.left, &args.right]
@@ -74,11 +79,10 @@ fn twin(
     settings: &Settings,
     setup: &Setup,
     target: Option<PixelBox>,
-) -> anyhow::Result<(Feed, Servo)> {
+) -> anyhow::Result<(Feed, Servo, String)> {
     for (flag, given) in [
         ("--left", args.left.is_some()),
         ("--right", args.right.is_some()),
-        ("--calibration", args.calibration.is_some()),
         ("--cameras", args.cameras.is_some()),
         ("--fps", args.fps.is_some()),
         ("--on-fault", args.on_fault.is_some()),
@@ -92,6 +96,7 @@ fn twin(
     let config = crate::twin::config(settings)?;
     let camera = config.cameras[0].camera;
     let (geometry, head, fps) = (config.geometry, config.head, config.fps);
+    let (machine, calibration) = believed(args, &config)?;
     check_target(target, &camera)?;
     let source = TwinSource::new(config).map_err(|e| fault::usage(e.to_string()))?;
     let control = ControlSettings {
@@ -105,10 +110,15 @@ fn twin(
     let backlash = control.backlash_rad;
     let controller = Controller::new(control, geometry, head.limits())
         .map_err(|e| fault::usage(e.to_string()))?;
-    let motors = Motors::new(geometry, source.head().axes(), backlash, controller);
+    let mut motors = Motors::new(geometry, source.head().axes(), backlash, controller);
     let feed = Feed::Twin(Box::new(source));
+    let mut info = feed.info().clone();
+    if let Some(machine) = machine {
+        info.cameras = machine.cameras;
+        motors = motors.with_machine(machine, head.axes().map(|axis| axis.step_rad()));
+    }
     let servo = Servo::new(
-        feed.info(),
+        &info,
         Rigging::Motors(Box::new(motors)),
         &ServoSettings {
             target,
@@ -116,7 +126,47 @@ fn twin(
         },
     )
     .map_err(|e| fault::usage(e.to_string()))?;
-    Ok((feed, servo))
+    Ok((feed, servo, calibration))
+}
+
+/// What `vergence calibrate --twin` made of the twin as it is by default; the loop believes this, not the truth.
+const CALIBRATED_TWIN: &str = include_str!("../../data/twin_machine.toml");
+
+/// What the loop believes of the twin: the machine's calibration (`None` for the settings themselves, which are the truth), and what a summary
+/// calls it. A twin with other cameras, dimensions or axes than the calibrated one is believed to be as it is set.
+fn believed(
+    args: &RunArgs,
+    config: &TwinConfig,
+) -> anyhow::Result<(Option<MachineCalibration>, String)> {
+    let told = |e: vergence_calib::CalibError| fault::usage(e.to_string());
+    if let Some(path) = &args.calibration {
+        if path.as_os_str() == "true" {
+            return Ok((None, "true".to_owned()));
+        }
+        let machine = MachineCalibration::read(path).map_err(told)?;
+        let size = |camera: &Camera| (camera.intrinsics.width, camera.intrinsics.height);
+        let (wanted, given) = (size(&config.cameras[0].camera), size(&machine.cameras[0]));
+        if wanted != given {
+            return Err(fault::usage(format!(
+                "{} is for pictures of {}x{}, the twin takes {}x{}",
+                path.display(),
+                given.0,
+                given.1,
+                wanted.0,
+                wanted.1
+            ))
+            .hint("calibrate this twin: vergence calibrate --twin with the same settings")
+            .into());
+        }
+        return Ok((Some(machine), last_parts(path, 1)));
+    }
+    let usual = TwinConfig::default();
+    let same_cameras = (0..2).all(|i| config.cameras[i].camera == usual.cameras[i].camera);
+    if same_cameras && config.geometry == usual.geometry && config.head == usual.head {
+        let machine = MachineCalibration::parse(CALIBRATED_TWIN).map_err(told)?;
+        return Ok((Some(machine), "calibrated".to_owned()));
+    }
+    Ok((None, "true".to_owned()))
 }
 
 /// What a person calls the source: files by their names, without the folders they lie in, since a summary is passed on.

@@ -37,6 +37,8 @@ pub(crate) struct Plan {
     /// Name of the mode that was asked for.
     pub(crate) mode: String,
     pub(crate) seed: Option<u64>,
+    /// What the loop believed of the rig: "calibrated", "true", or the file.
+    pub(crate) calibration: String,
     /// Whether the same pairs can be had again: then a run that fails leaves nothing behind.
     pub(crate) repeatable: bool,
     /// How pixels become parallax on the screen.
@@ -174,6 +176,7 @@ impl Log {
                 source: plan.source.clone(),
                 mode: plan.mode.clone(),
                 seed: plan.seed,
+                calibration: plan.calibration.clone(),
                 real_time: plan.real_time,
                 ..Facts::default()
             },
@@ -335,6 +338,7 @@ mod tests {
             out,
             mode: "converged".to_owned(),
             seed: Some(1),
+            calibration: "true".to_owned(),
             repeatable,
             screening: Screening {
                 pitch_m: 1.5e-5,

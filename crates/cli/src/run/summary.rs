@@ -26,6 +26,8 @@ pub(crate) struct Summary {
     pub(crate) remarks: Vec<String>,
     pub(crate) mode: String,
     pub(crate) seed: Option<u64>,
+    /// What the loop believed of the rig: "calibrated", "true", or the file.
+    pub(crate) calibration: String,
     pub(crate) frames: u64,
     pub(crate) seconds: f64,
     pub(crate) fps: f64,
@@ -120,6 +122,8 @@ pub(crate) struct Facts {
     pub(crate) remarks: Vec<String>,
     pub(crate) mode: String,
     pub(crate) seed: Option<u64>,
+    /// What the loop believed of the rig: "calibrated", "true", or the file.
+    pub(crate) calibration: String,
     pub(crate) real_time: bool,
     pub(crate) dropped_pairs: u64,
     pub(crate) interrupted: bool,
@@ -275,6 +279,7 @@ impl Rows {
             remarks: facts.remarks,
             mode: facts.mode,
             seed: facts.seed,
+            calibration: facts.calibration,
             frames: self.frames,
             seconds: self.last_s - self.first_s,
             fps: self.frames as f64 / wall.total_s.max(1e-9),

@@ -260,3 +260,26 @@ pub(crate) fn number(value: &Value, place: &str) -> f64 {
 pub(crate) fn read(path: &Path) -> Rgb {
     read_rgb(path).unwrap()
 }
+
+/// Paths of all fields of a JSON value, those of list entries under the list's name.
+pub(crate) fn fields(value: &Value, path: &str, found: &mut Vec<String>) {
+    match value {
+        Value::Object(entries) => {
+            for (name, inner) in entries {
+                // Names of fields that are null are data here.
+                if path == "not_judged" {
+                    continue;
+                }
+                let inner_path = if path.is_empty() {
+                    name.clone()
+                } else {
+                    format!("{path}.{name}")
+                };
+                found.push(inner_path.clone());
+                fields(inner, &inner_path, found);
+            }
+        }
+        Value::Array(entries) => entries.iter().for_each(|inner| fields(inner, path, found)),
+        _ => {}
+    }
+}

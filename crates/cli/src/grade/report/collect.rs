@@ -9,7 +9,7 @@ use vergence_quality::{DISTORTIONS, Score};
 use vergence_stereo::faults::{PairFaults, Verdict};
 
 use super::{
-    Edge, Judged, NamedScore, ParallaxSamples, Pictures, ReportData, TimeItem, TimeLine,
+    Counts, Edge, Judged, NamedScore, ParallaxSamples, Pictures, ReportData, TimeItem, TimeLine,
     VerticalMap, WindowStrip, readable,
 };
 use crate::grade::batch::{Done, Graded, Shown};
@@ -21,8 +21,11 @@ use crate::grade::record::{Grade, PairGrade, Record, SCORE, Scored, VerdictEntry
 /// Causes that are drawn along a line of items.
 const DRAWN: [&str; 3] = ["vertical_offset", "parallax_near", "parallax_far"];
 
-/// Most items of a line; what comes later is counted.
+/// Most items of all lines; what comes later is counted.
 const MOST_ITEMS: usize = 500_000;
+
+/// Most lines of the page; of more sequences the worst are drawn.
+const MOST_LINES: usize = 24;
 
 /// What the page will show.
 pub(in crate::grade) struct Collected {
@@ -31,19 +34,38 @@ pub(in crate::grade) struct Collected {
     viewer: Viewer,
     screen_width_m: f64,
     several: bool,
+    /// Items that are no frames, in one line.
+    items: Line,
+    /// The sequence of which frames come.
+    running: Line,
+    /// Sequences that were heard to their end.
+    lines: Vec<Line>,
+    /// Items of all lines.
+    shown: usize,
+    /// Of all items, those of earlier calls among them.
+    counts: Counts,
+    /// Of all items and sequences, the same.
+    verdict: Option<VerdictWord>,
+    worst: Option<ReportData>,
+    worst_rank: (Option<VerdictWord>, f64),
+    finished: usize,
+    /// The worst of what an earlier call had finished.
+    finished_verdict: Option<VerdictWord>,
+    left_out: usize,
+}
+
+/// Items in their order: those of one sequence, or all that are no frames.
+#[derive(Default)]
+struct Line {
+    name: String,
     items: Vec<TimeItem>,
     /// Name with unit of each of [`DRAWN`], once one was seen.
     measures: [Option<String>; 3],
     timed: bool,
-    /// There was a sequence, or a part of one.
     ordered: bool,
     cuts: Vec<f64>,
-    /// The verdicts on sequences as a whole.
+    /// The verdicts on the sequence as a whole.
     whole: Vec<Judged>,
-    worst: Option<ReportData>,
-    worst_rank: (Option<VerdictWord>, f64),
-    finished: usize,
-    left_out: usize,
 }
 
 impl Collected {
@@ -63,15 +85,16 @@ impl Collected {
             viewer: grader.viewer,
             screen_width_m: grader.screen_width_m,
             several,
-            items: Vec::new(),
-            measures: [const { None }; 3],
-            timed: false,
-            ordered: false,
-            cuts: Vec::new(),
-            whole: Vec::new(),
+            items: Line::default(),
+            running: Line::default(),
+            lines: Vec::new(),
+            shown: 0,
+            counts: Counts::default(),
+            verdict: None,
             worst: None,
             worst_rank: (None, f64::NEG_INFINITY),
             finished: 0,
+            finished_verdict: None,
             left_out: 0,
         }
     }
@@ -79,23 +102,43 @@ impl Collected {
     /// One more was done.
     pub(in crate::grade) fn take(&mut self, done: &mut Done) {
         match done {
-            Done::Finished(..) => self.finished += 1,
+            Done::Finished(finished, place, name) => {
+                self.finished += 1;
+                self.finished_verdict = self.finished_verdict.max(finished.verdict);
+                self.count(*place, finished.verdict);
+                if *place == Place::Whole {
+                    self.end_line(name);
+                }
+            }
             Done::Graded(graded) => self.graded(graded),
+        }
+    }
+
+    fn count(&mut self, place: Place, word: Option<VerdictWord>) {
+        self.verdict = self.verdict.max(word);
+        if place != Place::Whole {
+            self.counts.take(word.map(verdict));
         }
     }
 
     fn graded(&mut self, graded: &mut Graded) {
         let shown = graded.shown.take();
-        let record = &graded.record;
-        self.ordered |= graded.place != Place::Item;
+        let (record, place) = (&graded.record, graded.place);
+        let failed = matches!(record.grade, Grade::Failed { .. });
+        // A film that broke off is an item that failed.
+        let counted = if failed { Place::Item } else { place };
+        self.count(counted, record.verdict());
         if let Grade::Sequence(sequence) = &record.grade {
-            self.whole.extend(sequence.verdicts.iter().map(judged));
-            self.cuts
-                .extend(sequence.cuts.iter().filter_map(place_of_cut));
-            return;
+            self.running.whole = sequence.verdicts.iter().map(judged).collect();
+            let cuts = sequence.cuts.iter().filter_map(place_of_cut);
+            self.running.cuts = cuts.collect();
+            return self.end_line(&record.item);
         }
         if self.several {
-            self.line_up(record);
+            self.line_up(record, place);
+        }
+        if place == Place::Whole {
+            self.end_line(&record.item);
         }
         let rank = (
             record.verdict(),
@@ -111,28 +154,30 @@ impl Collected {
         }
     }
 
-    fn line_up(&mut self, record: &Record) {
-        if self.items.len() == MOST_ITEMS {
+    /// The sequence of this name has no more frames.
+    fn end_line(&mut self, name: &str) {
+        let mut line = std::mem::take(&mut self.running);
+        if line.is_shown() {
+            name.clone_into(&mut line.name);
+            line.ordered = true;
+            self.lines.push(line);
+        }
+    }
+
+    fn line_up(&mut self, record: &Record, place: Place) {
+        if self.shown == MOST_ITEMS {
             self.left_out += 1;
             return;
         }
-        let mut measures = Vec::new();
-        for (cause, name) in DRAWN.iter().zip(&mut self.measures) {
-            let found = record.verdicts().iter().find(|v| v.cause == *cause);
-            if let Some(entry) = found {
-                name.get_or_insert_with(|| format!("{} / {}", readable(cause), entry.unit));
-            }
-            measures.push(found.map(|v| v.value));
-        }
-        self.timed |= record.time_s.is_some();
-        self.items.push(TimeItem {
-            at: record.time_s.unwrap_or(self.items.len() as f64 + 1.0),
-            name: record.item.clone(),
-            score: record.score(),
-            verdict: record.verdict().map(verdict),
-            measures,
-            failure: record.failure().map(str::to_owned),
-        });
+        self.shown += 1;
+        let line = match place {
+            Place::Item => &mut self.items,
+            Place::Frame(_) => &mut self.running,
+            // It ended early: after its last frame, or it never began.
+            Place::Whole if self.running.items.is_empty() => &mut self.items,
+            Place::Whole => &mut self.running,
+        };
+        line.take(record);
     }
 
     /// Everything of one item.
@@ -179,30 +224,98 @@ impl Collected {
     }
 
     /// All that was collected.
-    pub(in crate::grade) fn finish(self) -> ReportData {
-        let mut data = self.worst.unwrap_or_else(|| {
+    pub(in crate::grade) fn finish(mut self) -> ReportData {
+        // An interrupted sequence has no end; a frame of a film knows its name.
+        let name = self.running.name_by_frames();
+        self.end_line(&name);
+        let mut data = self.worst.take().unwrap_or_else(|| {
             let mut nothing = ReportData::new(&self.title);
             nothing.facts.clone_from(&self.facts);
             nothing
         });
+        data.verdict = self.verdict.map(verdict);
         if self.finished > 0 {
-            let text = format!(
-                "{} items that an earlier call had finished are not shown",
+            let worst = self.finished_verdict.map_or(String::new(), |v| {
+                format!("; the worst of them: {}", v.word())
+            });
+            data.remarks.push(format!(
+                "{} items that an earlier call had finished are counted and not shown{worst}",
                 self.finished
-            );
-            data.remarks.push(text);
+            ));
         }
         if self.left_out > 0 {
             data.remarks
                 .push(format!("the last {} items are not drawn", self.left_out));
         }
-        data.whole = self.whole;
         if !self.several {
             return data;
         }
-        let of_items = self.items.iter().filter_map(|i| i.verdict);
-        data.verdict = of_items.chain(data.whole.iter().map(|w| w.verdict)).max();
+        data.counts = Some(self.counts);
         data.worst_item = Some(std::mem::replace(&mut data.title, self.title));
+        let all = std::iter::once(self.items).chain(self.lines);
+        data.time_lines = all.filter(Line::is_shown).map(Line::finish).collect();
+        let more = only_the_worst(&mut data.time_lines);
+        if more > 0 {
+            data.remarks.push(format!(
+                "{more} more sequences are not drawn: the {MOST_LINES} worst are"
+            ));
+        }
+        data
+    }
+}
+
+/// Takes lines away until they are few enough, the mildest first; how many went.
+fn only_the_worst(lines: &mut Vec<TimeLine>) -> usize {
+    let more = lines.len().saturating_sub(MOST_LINES);
+    if more > 0 {
+        let mut ranks: Vec<usize> = (0..lines.len()).collect();
+        ranks.sort_by_key(|&i| std::cmp::Reverse(lines[i].verdict()));
+        let mut kept = vec![false; lines.len()];
+        ranks[..MOST_LINES].iter().for_each(|&i| kept[i] = true);
+        let mut kept = kept.into_iter();
+        lines.retain(|_| kept.next().unwrap_or(false));
+    }
+    more
+}
+
+impl Line {
+    fn is_shown(&self) -> bool {
+        !self.items.is_empty() || !self.whole.is_empty()
+    }
+
+    fn take(&mut self, record: &Record) {
+        let mut measures = Vec::new();
+        for (cause, name) in DRAWN.iter().zip(&mut self.measures) {
+            let found = record.verdicts().iter().find(|v| v.cause == *cause);
+            if let Some(entry) = found {
+                name.get_or_insert_with(|| format!("{} / {}", readable(cause), entry.unit));
+            }
+            measures.push(found.map(|v| v.value));
+        }
+        self.timed |= record.time_s.is_some();
+        // What has no time among frames that have one is told where it happened.
+        let next = match self.items.last() {
+            Some(last) if self.timed => last.at,
+            _ => self.items.len() as f64 + 1.0,
+        };
+        self.items.push(TimeItem {
+            at: record.time_s.unwrap_or(next),
+            name: record.item.clone(),
+            score: record.score(),
+            verdict: record.verdict().map(verdict),
+            measures,
+            failure: record.failure().map(str::to_owned),
+        });
+    }
+
+    /// The film's name, where its frames are named by it and their times.
+    fn name_by_frames(&self) -> String {
+        let of = |item: &TimeItem| Some(item.name.rsplit_once(" at ")?.0.to_owned());
+        let first = self.items.first().filter(|_| self.timed);
+        first.and_then(of).unwrap_or_default()
+    }
+
+    fn finish(self) -> TimeLine {
         let known: Vec<usize> = (0..DRAWN.len())
             .filter(|m| self.measures[*m].is_some())
             .collect();
@@ -213,15 +326,16 @@ impl Collected {
         if self.timed {
             items.sort_by(|a, b| a.at.total_cmp(&b.at));
         }
-        data.time_line = Some(TimeLine {
+        TimeLine {
+            name: self.name,
             axis: if self.timed { "time / s" } else { "item" }.to_owned(),
             ordered: self.ordered,
             measures: self.measures.into_iter().flatten().collect(),
             limits: [SCORE.look, SCORE.bad],
             items,
             cuts: self.cuts,
-        });
-        data
+            whole: self.whole,
+        }
     }
 }
 
@@ -352,3 +466,6 @@ fn fill_points(data: &mut ReportData, faults: &PairFaults, viewing: Viewing) {
         viewing,
     });
 }
+
+#[cfg(test)]
+mod tests;

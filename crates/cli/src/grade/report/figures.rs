@@ -318,11 +318,11 @@ fn draw_band(
     }
 }
 
-/// Score and measures along the items, drawn for a wide page and for a narrow one.
-pub(super) fn time_line(line: &TimeLine) -> Markup {
+/// Score and measures along the items, drawn for a wide page and for a narrow one; `number` of the line on the page.
+pub(super) fn time_line(line: &TimeLine, number: usize) -> Markup {
     html! {
-        div.wide { (without_head(inline(&stack(line, 760.0), "wide"))) }
-        div.narrow { (without_head(inline(&stack(line, 400.0), "narrow"))) }
+        div.wide { (without_head(inline(&stack(line, 760.0), &format!("wide-{number}")))) }
+        div.narrow { (without_head(inline(&stack(line, 400.0), &format!("narrow-{number}")))) }
     }
 }
 

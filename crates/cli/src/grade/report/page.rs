@@ -37,8 +37,7 @@ pub(super) fn html(data: &ReportData) -> anyhow::Result<String> {
                     (sections::heading(data))
                 }
                 main {
-                    (sections::time_line(data))
-                    (sections::causes("The sequence as a whole", "whole", &data.whole))
+                    (sections::time_lines(data))
                     (sections::worst_item(data))
                     (pictures)
                     (sections::scores(&data.scores))

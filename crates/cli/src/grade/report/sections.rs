@@ -7,7 +7,7 @@ use vergence_stereo::faults::Verdict;
 use super::figures;
 use super::gauge::{Gauge, short, word};
 use super::pictures::{self, DIFFERENCE_GAIN, Embedded};
-use super::{Judged, NamedScore, Pictures, ReportData, TimeItem};
+use super::{Counts, Judged, NamedScore, Pictures, ReportData, TimeItem, TimeLine};
 
 /// Rows of the table of items before the rest is left out.
 const MOST_ROWS: usize = 60;
@@ -45,12 +45,13 @@ fn cut(text: &str) -> String {
 
 /// Title, verdict, what stands out, facts and remarks.
 pub(super) fn heading(data: &ReportData) -> Markup {
-    let line = data.time_line.as_ref();
-    let judged = || data.quality.iter().chain(&data.causes);
-    let counted = |v: Verdict| match line {
-        Some(line) => line.items.iter().filter(|i| i.verdict == Some(v)).count(),
-        None => judged().filter(|c| c.verdict == v).count(),
-    };
+    let several = data.counts;
+    let counts = several.unwrap_or_else(|| {
+        let mut causes = Counts::default();
+        let judged = data.quality.iter().chain(&data.causes);
+        judged.for_each(|c| causes.take(Some(c.verdict)));
+        causes
+    });
     html! {
         p.kicker { "vergence grade" }
         h1 { (cut(&data.title)) }
@@ -58,10 +59,10 @@ pub(super) fn heading(data: &ReportData) -> Markup {
             @match data.verdict {
                 Some(verdict) => {
                     (badge(verdict))
-                    @if line.is_some() || !data.causes.is_empty() {
+                    @if several.is_some() || !data.causes.is_empty() {
                         span.counts {
-                            @if let Some(line) = line { (line.items.len()) " items: " } @else { "measured: " }
-                            (counted(Verdict::Good)) " good, " (counted(Verdict::Look)) " worth a look, " (counted(Verdict::Bad)) " bad"
+                            @if several.is_some() { (counts.items) " items: " } @else { "measured: " }
+                            (counts.good) " good, " (counts.look) " worth a look, " (counts.bad) " bad"
                         }
                     }
                 },
@@ -69,7 +70,7 @@ pub(super) fn heading(data: &ReportData) -> Markup {
             }
         }
         // What stands out is said of one item; of several the line says it.
-        @if line.is_none() { (lead(data)) (facts(&[&data.facts, &data.item_facts])) (remarks(&data.item_remarks)) }
+        @if several.is_none() { (lead(data)) (facts(&[&data.facts, &data.item_facts])) (remarks(&data.item_remarks)) }
         @else { (facts(&[&data.facts])) }
         (remarks(&data.remarks))
     }
@@ -370,11 +371,31 @@ fn window(data: &ReportData) -> Markup {
     }
 }
 
-/// Score and measures along a sequence, with the items that are worst.
-pub(super) fn time_line(data: &ReportData) -> Markup {
-    let Some(line) = data.time_line.as_ref().filter(|l| !l.items.is_empty()) else {
+/// Every line, each with what is said of the sequence as a whole.
+pub(super) fn time_lines(data: &ReportData) -> Markup {
+    let named = data.time_lines.len() > 1;
+    html! {
+        @for (i, line) in data.time_lines.iter().enumerate() {
+            @let name = if named { line.name.as_str() } else { "" };
+            (time_line(line, name, i))
+            (causes(&of("The sequence as a whole", name), &format!("whole-{i}"), &line.whole))
+        }
+    }
+}
+
+/// A heading, of something where it has a name.
+fn of(heading: &str, name: &str) -> String {
+    match name {
+        "" => heading.to_owned(),
+        _ => format!("{heading}: {}", cut(name)),
+    }
+}
+
+/// Score and measures along a sequence, with the items that are worst; `number` keeps the drawings of several apart.
+fn time_line(line: &TimeLine, name: &str, number: usize) -> Markup {
+    if line.items.is_empty() {
         return html! {};
-    };
+    }
     let rank = |item: &&TimeItem| {
         let score = item.score.filter(|s| s.is_finite()).unwrap_or(f64::MIN);
         (
@@ -386,7 +407,7 @@ pub(super) fn time_line(data: &ReportData) -> Markup {
     let mut rows: Vec<&TimeItem> = line.items.iter().collect();
     rows.sort_by_key(rank);
     rows.truncate(MOST_ROWS);
-    let heading = if line.ordered { "Sequence" } else { "Items" };
+    let heading = of(if line.ordered { "Sequence" } else { "Items" }, name);
     let failed = line.items.iter().filter(|i| i.failure.is_some()).count();
     html! {
         section.card aria-label=(heading) {
@@ -397,7 +418,7 @@ pub(super) fn time_line(data: &ReportData) -> Markup {
                 "; scores 0 best \u{2026} 100 worst"
                 @if !line.cuts.is_empty() { "; dashed: " (line.cuts.len()) @if line.cuts.len() == 1 { " cut" } @else { " cuts" } }
             }
-            (figures::time_line(line))
+            (figures::time_line(line, number))
             details open[rows.len() <= 12] {
                 summary { @if rows.len() < line.items.len() { "The " (rows.len()) " worst items" } @else { "All items, the worst first" } }
                 table.items {

@@ -158,7 +158,8 @@ fn film(frames: usize) -> ReportData {
         ],
         failure: (i % 50 == 7).then(|| "its data break off".to_owned()),
     };
-    data.time_line = Some(TimeLine {
+    let line = TimeLine {
+        name: "a film.mp4".to_owned(),
         axis: "time / s".to_owned(),
         ordered: true,
         limits: [35.0, 55.0],
@@ -168,7 +169,12 @@ fn film(frames: usize) -> ReportData {
         ],
         items: (0..frames).map(item).collect(),
         cuts: vec![12.0, 31.5, 44.0],
-    });
+        whole: Vec::new(),
+    };
+    let mut counts = Counts::default();
+    line.items.iter().for_each(|i| counts.take(i.verdict));
+    data.counts = Some(counts);
+    data.time_lines = vec![line];
     data
 }
 
