@@ -10,10 +10,11 @@ use std::process::Command;
 use std::time::Instant;
 
 use anyhow::{Context, bail, ensure};
-use peak_alloc::PeakAlloc;
 use vergence_imaging::fft64::{Complex64, ComplexFft2};
 use vergence_imaging::{Gray, Plane};
 use vergence_quality::{FEATURE_NAMES, Features, features_from_gray};
+
+use crate::ALLOCATOR;
 
 /// About 0.2, 0.8, 2 and 8 megapixels.
 const SIZES: [(usize, usize); 4] = [(512, 384), (1024, 768), (1632, 1224), (3264, 2448)];
@@ -31,10 +32,6 @@ const PEER_PIXELS: usize = 3_000_000;
 const MEASURE_S: f64 = 12.0;
 /// Fewest rounds, however long they take.
 const ROUNDS: usize = 5;
-
-/// Counts what is allocated.
-#[global_allocator]
-static ALLOCATOR: PeakAlloc = PeakAlloc;
 
 /// Runs all sides and prints the table; an error when they differ, or when python3, NumPy or SciPy is missing.
 pub(crate) fn run() -> anyhow::Result<()> {
