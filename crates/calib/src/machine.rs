@@ -6,11 +6,12 @@ use nalgebra::{
     Isometry3, Matrix3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3,
 };
 use serde::{Deserialize, Serialize};
-use vergence_geometry::{Camera, Distortion, Eye, Intrinsics};
+use vergence_geometry::{Camera, Eye};
 
-use crate::rig::{CameraPose, index, rotation_from_rows};
+use crate::rig::{CameraPose, index};
+use crate::rig_file::{self, CameraTable};
 use crate::solve::{AXES, AXIS_NAMES, Calibration, Mechanism, MotorState, TurningAxis};
-use crate::{CalibError, RigCalibration, format, read};
+use crate::{CalibError, CameraFile, RigCalibration, format, read};
 
 /// What `format` says in a machine's file.
 pub(crate) const FORMAT: &str = "vergence-machine";
@@ -77,12 +78,10 @@ impl MachineCalibration {
 
     /// Where a camera stands in the base frame at a state of the motors.
     pub fn base_from_cam(&self, eye: Eye, motors: &MotorState) -> Isometry3<f64> {
-        let turned = |axis: usize| {
-            let turning = &self.axes[axis];
-            turning.turned(turning.angle(motors.steps[axis], motors.approach[axis]))
-        };
-        let i = index(eye);
-        turned(0) * turned(1) * turned(2 + i) * self.home[i]
+        let angles = std::array::from_fn(|axis| {
+            self.axes[axis].angle(motors.steps[axis], motors.approach[axis])
+        });
+        self.base_from_cam_at(eye, &angles)
     }
 
     /// The same by the angles of the axes, radians, backlash taken out already: pan, tilt, left, right, each right-handed about its axis.
@@ -162,23 +161,6 @@ struct File {
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct CameraTable {
-    name: String,
-    width_px: usize,
-    height_px: usize,
-    fx_px: f64,
-    fy_px: f64,
-    cx_px: f64,
-    cy_px: f64,
-    /// At zero steps.
-    position_m: [f64; 3],
-    rotation: [[f64; 3]; 3],
-    #[serde(default)]
-    distortion: Distortion,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 struct AxesTable {
     pan: AxisTable,
     tilt: AxisTable,
@@ -241,8 +223,7 @@ impl MachineCalibration {
                 file.format, file.version
             )));
         }
-        let [(left, left_camera), (right, right_camera)] =
-            [camera(&file.left)?, camera(&file.right)?];
+        let [(left_home, left), (right_home, right)] = [at_home(file.left)?, at_home(file.right)?];
         let axes = [
             &file.axes.pan,
             &file.axes.tilt,
@@ -254,10 +235,10 @@ impl MachineCalibration {
             read_axes.push(axis(table).map_err(|reason| syntax(format!("axis {name}: {reason}")))?);
         }
         let machine = Self {
-            cameras: [left_camera, right_camera],
-            names: [file.left.name, file.right.name],
+            cameras: [left.camera, right.camera],
+            names: [left.name, right.name],
             axes: std::array::from_fn(|i| read_axes[i]),
-            home: [left, right],
+            home: [left_home, right_home],
             rms_px: file.rms_px,
             sigmas: file.sigma.into_iter().collect(),
             notes: file.notes,
@@ -272,22 +253,8 @@ impl MachineCalibration {
     /// # Errors
     /// [`CalibError::Syntax`] for values that TOML cannot hold.
     pub fn to_toml(&self) -> Result<String, CalibError> {
-        let table = |i: usize| {
-            let k = &self.cameras[i].intrinsics;
-            let turn = self.home[i].rotation.to_rotation_matrix();
-            CameraTable {
-                name: self.names[i].clone(),
-                width_px: k.width,
-                height_px: k.height,
-                fx_px: k.fx,
-                fy_px: k.fy,
-                cx_px: k.cx,
-                cy_px: k.cy,
-                position_m: self.home[i].translation.vector.into(),
-                rotation: std::array::from_fn(|r| std::array::from_fn(|c| turn[(r, c)])),
-                distortion: self.cameras[i].distortion,
-            }
-        };
+        let table =
+            |i: usize| rig_file::table(&self.names[i], &self.cameras[i], Some(&self.home[i]));
         let axis = |i: usize| AxisTable {
             direction: self.axes[i].direction.into_inner().into(),
             point_m: self.axes[i].point.coords.into(),
@@ -324,27 +291,14 @@ impl MachineCalibration {
     }
 }
 
-fn camera(table: &CameraTable) -> Result<(Isometry3<f64>, Camera), CalibError> {
-    let turn = rotation_from_rows(&table.rotation).map_err(|reason| CalibError::Camera {
-        camera: table.name.clone(),
-        reason,
+/// A camera of the machine with its place at zero steps.
+fn at_home(table: CameraTable) -> Result<(Isometry3<f64>, CameraFile), CalibError> {
+    let camera = rig_file::camera(table)?;
+    let home = camera.rig_from_cam.ok_or_else(|| CalibError::Camera {
+        camera: camera.name.clone(),
+        reason: "position_m and rotation at zero steps are missing".to_owned(),
     })?;
-    let [x, y, z] = table.position_m;
-    let camera = Camera {
-        intrinsics: Intrinsics {
-            width: table.width_px,
-            height: table.height_px,
-            fx: table.fx_px,
-            fy: table.fy_px,
-            cx: table.cx_px,
-            cy: table.cy_px,
-        },
-        distortion: table.distortion,
-    };
-    Ok((
-        Isometry3::from_parts(Translation3::new(x, y, z), turn),
-        camera,
-    ))
+    Ok((home, camera))
 }
 
 fn axis(table: &AxisTable) -> Result<TurningAxis, String> {

@@ -88,8 +88,8 @@ struct CamerasFile {
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct CameraTable {
-    name: String,
+pub(crate) struct CameraTable {
+    pub(crate) name: String,
     width_px: usize,
     height_px: usize,
     fx_px: f64,
@@ -188,7 +188,8 @@ fn parsed(
     })
 }
 
-fn camera(table: CameraTable) -> Result<CameraFile, CalibError> {
+/// The camera of a table.
+pub(crate) fn camera(table: CameraTable) -> Result<CameraFile, CalibError> {
     let refuse = |reason: String| CalibError::Camera {
         camera: table.name.clone(),
         reason,
@@ -222,7 +223,12 @@ fn camera(table: CameraTable) -> Result<CameraFile, CalibError> {
     })
 }
 
-fn table(name: &str, camera: &Camera, rig_from_cam: Option<&Isometry3<f64>>) -> CameraTable {
+/// The table of a camera.
+pub(crate) fn table(
+    name: &str,
+    camera: &Camera,
+    rig_from_cam: Option<&Isometry3<f64>>,
+) -> CameraTable {
     let k = &camera.intrinsics;
     CameraTable {
         name: name.to_owned(),

@@ -298,7 +298,7 @@ impl Pictures {
         };
         let taken = twin::taken(config, target, &session)?;
         Ok(Self {
-            names: taken.truth.names.to_vec(),
+            names: vec!["left".to_owned(), "right".to_owned()],
             views: taken.views,
             seen: taken.seen,
             states: Some(taken.states),

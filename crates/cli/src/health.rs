@@ -117,17 +117,26 @@ pub(crate) fn run(args: &HealthArgs) -> anyhow::Result<()> {
         let sizes = [pictures[0].size(), pictures[1].size()];
         let known = match &rig {
             Some((known, rig)) if *known == sizes => rig,
-            _ => &rig.insert((sizes, args.calibration.rig(sizes)?)).1,
+            _ => {
+                &rig.insert((sizes, Rig::new(args.calibration.rig(sizes)?)?))
+                    .1
+            }
         };
-        match matches_of(known, &pictures)? {
-            Ok(matches) => monitor.update(known, &matches),
+        match matches_of(&known.plan, &pictures)? {
+            Ok(matches) => monitor.update(&known.calibration, &matches),
             Err(reason) => skipped.push(Skipped {
                 file: pair[0].display().to_string(),
                 reason,
             }),
         }
     }
-    let Some((_, rig)) = rig else {
+    let Some((
+        _,
+        Rig {
+            calibration: rig, ..
+        },
+    )) = rig
+    else {
         return Err(fault::usage("no pairs were named").into());
     };
     let health = monitor.health(&rig).ok_or_else(|| {
@@ -158,6 +167,21 @@ pub(crate) fn run(args: &HealthArgs) -> anyhow::Result<()> {
     }
 }
 
+/// A rig with its rectification, for pictures of one size.
+struct Rig {
+    calibration: RigCalibration,
+    plan: Rectification,
+}
+
+impl Rig {
+    fn new(calibration: RigCalibration) -> anyhow::Result<Self> {
+        let (cameras, poses) = (&calibration.cameras, &calibration.base_from_cam);
+        let plan = Rectification::new(cameras, poses, &Choices::default())
+            .map_err(|e| fault::usage(e.to_string()))?;
+        Ok(Self { calibration, plan })
+    }
+}
+
 fn read(path: &std::path::Path) -> anyhow::Result<vergence_imaging::Rgb> {
     Ok(read_rgb(path).map_err(|e| fault::usage(e.to_string()))?)
 }
@@ -165,11 +189,9 @@ fn read(path: &std::path::Path) -> anyhow::Result<vergence_imaging::Rgb> {
 /// Matched points of a pair as pixels of its own pictures. They are looked for in the rectified pictures, where eyes that stand askew look
 /// alike. The inner error is a pair that cannot be matched, and why.
 fn matches_of(
-    rig: &RigCalibration,
+    plan: &Rectification,
     pictures: &[vergence_imaging::Rgb; 2],
 ) -> anyhow::Result<Result<Vec<Match>, String>> {
-    let plan = Rectification::new(&rig.cameras, &rig.base_from_cam, &Choices::default())
-        .map_err(|e| fault::usage(e.to_string()))?;
     let rectified = |eye: Eye| {
         let gray = luma_from_rgb(&pictures[eye as usize]);
         plan.rectified(eye, &gray, Kernel::Bicubic, 0)

@@ -113,13 +113,19 @@ fn files(folder: &Path, side: &str) -> Vec<String> {
         .collect()
 }
 
-fn calibrate(folder: &Path, left: &[String], right: &[String], more: &[&str]) -> Output {
-    let mut args = vec!["calibrate", "--target", BOARD, "--left"];
-    args.extend(left.iter().map(String::as_str));
-    args.push("--right");
-    args.extend(right.iter().map(String::as_str));
-    args.extend(more);
+/// A command with the pictures of both eyes.
+fn with_pictures(folder: &Path, command: &[&str], left: &[String], right: &[String]) -> Output {
+    let mut args = command.to_vec();
+    for (flag, files) in [("--left", left), ("--right", right)] {
+        args.push(flag);
+        args.extend(files.iter().map(String::as_str));
+    }
     vergence(&args, folder)
+}
+
+fn calibrate(folder: &Path, left: &[String], right: &[String], more: &[&str]) -> Output {
+    let command = [&["calibrate", "--target", BOARD], more].concat();
+    with_pictures(folder, &command, left, right)
 }
 
 /// The pair comes back: lenses, base and attitude near the truth, every documented field there, a file that other commands read, and the
@@ -179,13 +185,8 @@ fn others_read_it(folder: &Path, left: &[String], right: &[String]) {
         (&["rig.toml"][..], "ours"),
         (&["left.yaml", "right.yaml"][..], "ros"),
     ] {
-        let mut args = vec!["rectify", "--out", out, "--left"];
-        args.extend(left.iter().map(String::as_str));
-        args.push("--right");
-        args.extend(right.iter().map(String::as_str));
-        args.push("--calibration");
-        args.extend(files);
-        let rectified = vergence(&args, folder);
+        let command = [&["rectify", "--out", out, "--calibration"], files].concat();
+        let rectified = with_pictures(folder, &command, left, right);
         let told = String::from_utf8_lossy(&rectified.stderr).into_owned();
         assert!(rectified.status.success(), "{out}: {told}");
     }
@@ -411,37 +412,24 @@ fn recorded_chessboards_calibrate_and_are_healthy() {
         files
     };
     let (left, right) = (of("left"), of("right"));
-    let mut args = vec![
+    let target = "chessboard:9x6:25mm";
+    let command = [
         "calibrate",
         "--target",
-        "chessboard:9x6:25mm",
+        target,
         "--out",
         "rig.toml",
         "--format",
         "json",
-        "--left",
     ];
-    args.extend(left.iter().map(String::as_str));
-    args.push("--right");
-    args.extend(right.iter().map(String::as_str));
-    let output = vergence(&args, folder.path());
+    let output = with_pictures(folder.path(), &command, &left, &right);
     let answer: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(answer["views_used"], 26);
     assert!(answer["rms_px"].as_f64().unwrap() < 0.215);
     assert!(answer["rows"]["rms_px"].as_f64().unwrap() < 0.165);
     assert!((answer["baseline_m"].as_f64().unwrap() - 0.0832).abs() < 3e-4);
-    let mut args = vec![
-        "health",
-        "--calibration",
-        "rig.toml",
-        "--format",
-        "json",
-        "--left",
-    ];
-    args.extend(left.iter().map(String::as_str));
-    args.push("--right");
-    args.extend(right.iter().map(String::as_str));
-    let output = vergence(&args, folder.path());
+    let command = ["health", "--calibration", "rig.toml", "--format", "json"];
+    let output = with_pictures(folder.path(), &command, &left, &right);
     let health: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(health["verdict"], "good", "{health}");
     assert!(health["drift_px"].as_f64().unwrap() < 0.25);

@@ -208,11 +208,7 @@ impl Problem<'_> {
             let seen = project(camera, model, &in_cam)?;
             let error = (seen.pixel - sighting.pixel) / sighting.sigma_px;
             let size = error.norm();
-            // Huber's loss: r²/2 within the limit, linear beyond.
-            let (loss, weight) = match size <= self.huber {
-                true => (0.5 * size * size, 1.0),
-                false => (self.huber * (size - 0.5 * self.huber), self.huber / size),
-            };
+            let (loss, weight) = self.loss(size);
             normal.cost += loss;
             let by_place = seen.by_point * motion(turn.matrix(), &in_rig.coords);
             for (slot, d) in row.iter_mut().zip(&seen.by_parameter[..lens.len()]) {
@@ -279,6 +275,14 @@ impl Problem<'_> {
         }
     }
 
+    /// Huber's loss of an error in standard deviations, and its weight: r²/2 within the limit, linear beyond.
+    fn loss(&self, size: f64) -> (f64, f64) {
+        match size <= self.huber {
+            true => (0.5 * size * size, 1.0),
+            false => (self.huber * (size - 0.5 * self.huber), self.huber / size),
+        }
+    }
+
     /// Cost at a state; infinite when a sighted corner has no projection there.
     fn cost(&self, state: &State) -> f64 {
         let mut cost = 0.0;
@@ -295,10 +299,7 @@ impl Problem<'_> {
                     return f64::INFINITY;
                 };
                 let size = (pixel - sighting.pixel).norm() / sighting.sigma_px;
-                cost += match size <= self.huber {
-                    true => 0.5 * size * size,
-                    false => self.huber * (size - 0.5 * self.huber),
-                };
+                cost += self.loss(size).0;
             }
         }
         for (i, camera) in state.cameras.iter().enumerate() {

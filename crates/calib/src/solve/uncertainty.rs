@@ -6,7 +6,7 @@ use vergence_geometry::Camera;
 use super::bundle::{Shot, motion};
 use super::calibrate::Calibration;
 use super::lens::project;
-use super::mechanism::{MotorState, Unknowns};
+use super::mechanism::MotorState;
 
 /// What is uncertain about the range of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,7 +49,6 @@ impl Calibration {
         }
         let holding: Vec<(usize, MotorState)> = self.places_seen_by(shots, camera);
         let n = holding.len() as f64;
-        let unknowns = self.mechanism_unknowns();
         let mut own = Matrix2::zeros();
         for (placement, motors) in holding {
             let rig_from_cam = self.mechanism.rig_from_cam(camera, &motors);
@@ -61,7 +60,7 @@ impl Calibration {
             let in_rig = (rig_from_cam * Point3::from(in_cam)).coords;
             let by_place = seen.by_point * motion(&turn, &in_rig) / n;
             // The mechanism moves the camera against the place.
-            for (index, twist) in unknowns.twists(&self.mechanism, camera, &motors) {
+            for (index, twist) in self.unknowns.twists(&self.mechanism, camera, &motors) {
                 let mut column = direct.column_mut(self.mechanism_start() + index);
                 column -= by_place * twist;
             }
@@ -90,7 +89,6 @@ impl Calibration {
         let mut normal = Matrix3::zeros();
         let mut columns = DMatrix::<f64>::zeros(3, self.parameters.len());
         let mut noise = Matrix3::zeros();
-        let unknowns = self.mechanism_unknowns();
         for camera in 0..2 {
             let cam_from_rig = poses[camera].inverse();
             let in_cam = (cam_from_rig * point_in_rig).coords;
@@ -110,7 +108,7 @@ impl Calibration {
                 }
             }
             let place = seen.by_point * motion(&turn, &point_in_rig.coords);
-            for (index, twist) in unknowns.twists(&self.mechanism, camera, motors) {
+            for (index, twist) in self.unknowns.twists(&self.mechanism, camera, motors) {
                 add(self.mechanism_start() + index, -(place * twist));
             }
         }
@@ -138,11 +136,8 @@ impl Calibration {
         seen
     }
 
-    pub(crate) fn mechanism_unknowns(&self) -> Unknowns {
-        self.unknowns.clone()
-    }
-
-    pub(crate) fn mechanism_start(&self) -> usize {
+    /// Place of the mechanism's first parameter among all.
+    fn mechanism_start(&self) -> usize {
         self.parameters.len() - self.unknowns.count()
     }
 }

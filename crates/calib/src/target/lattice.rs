@@ -6,7 +6,10 @@
 //! would spoil a calibration.
 
 // Index loops: both coordinates.
-#![allow(clippy::needless_range_loop)]
+#![expect(
+    clippy::needless_range_loop,
+    reason = "the loops' numbers are coordinates, and index several buffers at once"
+)]
 
 use std::collections::{BTreeMap, VecDeque};
 

@@ -1,8 +1,6 @@
 //! One level of a picture's pyramid and its smoothed copy, in which corners are looked for.
 
 // Index loops: several rows are gone through side by side.
-#![allow(clippy::needless_range_loop)]
-
 use std::cell::OnceCell;
 
 use multiversion::multiversion;

@@ -6,8 +6,6 @@
 //! so costs a few cells and never an identity.
 
 // Index loops: both coordinates.
-#![allow(clippy::needless_range_loop)]
-
 use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Point2;

@@ -9,8 +9,6 @@
 //! The uncertainty is that of the fit: residual variance times the inverse of the normal matrix.
 
 // Index loops: rows and columns of a matrix.
-#![allow(clippy::needless_range_loop)]
-
 use nalgebra::{SMatrix, SVector};
 use vergence_imaging::Gray;
 

@@ -6,8 +6,6 @@
 //! after half a turn, the test of ChESS (Bennett & Lasenby 2014) in another form.
 
 // Index loops: several rows are gone through side by side.
-#![allow(clippy::needless_range_loop)]
-
 use multiversion::multiversion;
 use vergence_imaging::Plane;
 

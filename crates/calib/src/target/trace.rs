@@ -6,7 +6,10 @@
 //! an AprilGrid are all the same.
 
 // Index loops: both coordinates.
-#![allow(clippy::needless_range_loop)]
+#![expect(
+    clippy::needless_range_loop,
+    reason = "the loops' numbers are coordinates, and index several buffers at once"
+)]
 
 use super::level::{Level, sample};
 use super::saddle::Saddle;

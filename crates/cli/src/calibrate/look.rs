@@ -6,6 +6,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rayon::prelude::*;
 use vergence_calib::solve::Sighting;
 use vergence_calib::{Target, detect};
+use vergence_imaging::Gray;
 use vergence_imaging::colour::luma_from_rgb;
 use vergence_imaging::files::{read_whole, shown_from_bytes};
 
@@ -88,7 +89,16 @@ fn look(view: &View, target: &Target) -> Result<Looked, Fault> {
         .map_err(unusable)?
         .picture;
     let gray = luma_from_rgb(&picture);
-    let seen = match detect(&gray, target) {
+    Ok(Looked {
+        size: picture.size(),
+        bytes_digest: digest(&bytes),
+        seen: seen_in(&gray, target),
+    })
+}
+
+/// The board in a picture.
+pub(super) fn seen_in(picture: &Gray, target: &Target) -> Seen {
+    match detect(picture, target) {
         Err(missing) => Seen::Nothing(missing.to_string()),
         Ok(found) if found.mirrored => Seen::Nothing(
             "it shows the board as in a mirror; take the picture unmirrored, or print the board anew"
@@ -105,16 +115,11 @@ fn look(view: &View, target: &Target) -> Result<Looked, Fault> {
                 })
                 .collect(),
         ),
-    };
-    Ok(Looked {
-        size: picture.size(),
-        bytes_digest: digest(&bytes),
-        seen,
-    })
+    }
 }
 
 /// No corner is believed to be known better than this, px: flatness of the board and the lens model are not perfect.
-pub(super) const LEAST_SIGMA_PX: f64 = 0.02;
+const LEAST_SIGMA_PX: f64 = 0.02;
 
 /// FNV-1a, 64 bits: good enough to notice that a file was given twice.
 fn digest(bytes: &[u8]) -> u64 {

@@ -4,18 +4,18 @@
 use std::path::PathBuf;
 
 use indicatif::ProgressBar;
-use nalgebra::{Isometry3, Point2, Point3, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
-use vergence_calib::solve::{Calibration, MotorState, Sighting, TurningAxis};
-use vergence_calib::{MachineCalibration, Target, detect};
+use vergence_calib::Target;
+use vergence_calib::solve::{Calibration, MotorState};
 use vergence_capture::TwinConfig;
 use vergence_geometry::{Camera, Eye, HeadAngles};
 use vergence_imaging::Plane;
 use vergence_scene::board::{Look, Patch, Tones, develop, draw};
 
 use super::lists::View;
-use super::look::{LEAST_SIGMA_PX, Seen};
+use super::look::{Seen, seen_in};
 use crate::fault::{self, Fault};
 
 /// How long the twin looks at the board, and from which seed.
@@ -42,8 +42,6 @@ pub(super) struct Taken {
     pub(super) seen: Vec<Seen>,
     /// Of every view: stand of the board and state of the motors.
     pub(super) states: Vec<(usize, MotorState)>,
-    /// The rig as it truly is.
-    pub(super) truth: MachineCalibration,
 }
 
 /// Random numbers from a seed (splitmix64).
@@ -60,34 +58,6 @@ impl Random {
 
     fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * (self.next() >> 11) as f64 / (1_u64 << 53) as f64
-    }
-}
-
-/// The twin as a machine, exactly: axes through the pivots along the frame's own axes, the load where the home offsets put it.
-pub(super) fn truth(config: &TwinConfig) -> MachineCalibration {
-    let head = config.head.axes();
-    let half = config.geometry.interaxial_m / 2.0;
-    let axis = |i: usize, direction: Vector3<f64>, x: f64| TurningAxis {
-        direction: Unit::new_normalize(direction),
-        point: Point3::new(x, 0.0, 0.0),
-        rad_per_step: head[i].step_rad(),
-        backlash_rad: head[i].backlash_rad,
-    };
-    let offsets = HeadAngles::from_array(head.map(|a| a.home_offset_rad));
-    let home = |eye: Eye| config.geometry.base_from_cam(eye, &offsets);
-    MachineCalibration {
-        cameras: [config.cameras[0].camera, config.cameras[1].camera],
-        names: ["left".to_owned(), "right".to_owned()],
-        axes: [
-            axis(0, Vector3::y(), 0.0),
-            axis(1, Vector3::x(), 0.0),
-            axis(2, Vector3::y(), -half),
-            axis(3, Vector3::y(), half),
-        ],
-        home: [home(Eye::Left), home(Eye::Right)],
-        rms_px: 0.0,
-        sigmas: Vec::new(),
-        notes: Vec::new(),
     }
 }
 
@@ -116,11 +86,12 @@ pub(super) fn taken(
         .map(|i| target.point_in_board(i))
         .collect();
     let mut random = Random(session.seed);
-    let truth = truth(config);
+    let cameras = [0, 1].map(|i| config.cameras[i].camera);
+    let home = Eye::BOTH.map(|eye| base_from_cam(config, eye, &MotorState::default()));
     let mut plans = Vec::new();
     for place in 0..session.places {
-        let near = truth.cameras[place % 2];
-        let base_from_board = truth.home[place % 2] * held(&near, &board, &mut random);
+        let near = cameras[place % 2];
+        let base_from_board = home[place % 2] * held(&near, &board, &mut random);
         for state in 0..session.states {
             let motors = state_of(config, state, &mut random);
             for eye in Eye::BOTH {
@@ -144,7 +115,7 @@ pub(super) fn taken(
     let seen: Vec<Seen> = plans
         .par_iter()
         .map(|(_, _, motors, eye, base_from_board, noise)| {
-            let camera = &truth.cameras[*eye as usize];
+            let camera = &cameras[*eye as usize];
             let cam_from_board = base_from_cam(config, *eye, motors).inverse() * base_from_board;
             let seen = look(camera, &cam_from_board, &patches, target, *noise);
             bar.inc(1);
@@ -158,10 +129,8 @@ pub(super) fn taken(
                 .hint("take a larger one, such as charuco:12x9:30mm:22mm:DICT_5X5_250"),
         );
     }
-    let size = (
-        truth.cameras[0].intrinsics.width,
-        truth.cameras[0].intrinsics.height,
-    );
+    let lens = cameras[0].intrinsics;
+    let size = (lens.width, lens.height);
     let views = plans.iter().map(|(place, state, _, eye, ..)| View {
         path: PathBuf::from(format!(
             "twin/{}_{place:02}_{state:02}",
@@ -175,7 +144,6 @@ pub(super) fn taken(
         views: views.collect(),
         states: plans.iter().map(|p| (p.0, p.2)).collect(),
         seen,
-        truth,
     })
 }
 
@@ -241,20 +209,7 @@ fn look(
             seed,
         },
     );
-    match detect(&picture, target) {
-        Ok(found) => Seen::Board(
-            found
-                .corners
-                .iter()
-                .map(|c| Sighting {
-                    point_in_board: target.point_in_board(c.id),
-                    pixel: c.pixel,
-                    sigma_px: c.sigma_px.max(LEAST_SIGMA_PX),
-                })
-                .collect(),
-        ),
-        Err(missing) => Seen::Nothing(missing.to_string()),
-    }
+    seen_in(&picture, target)
 }
 
 /// How far a calibration of the twin is from the truth, at vergences that no picture shows.
@@ -335,14 +290,15 @@ fn row_error(
 mod tests {
     //! The calibration of the twin that ships with the program is one of that twin, not the truth, and close to it.
     use super::*;
+    use vergence_calib::MachineCalibration;
 
     #[test]
     fn the_calibration_that_ships_is_of_the_default_twin() {
         let text = include_str!("../../data/twin_machine.toml");
         let machine = MachineCalibration::parse(text).unwrap();
         let config = TwinConfig::default();
-        let truth = truth(&config);
-        assert_ne!(machine.cameras, truth.cameras, "measured, not copied");
+        let lens = config.cameras[0].camera;
+        assert_ne!(machine.cameras[0], lens, "measured, not copied");
         let mut random = Random(9);
         for state in 0..100 {
             let motors = state_of(&config, state, &mut random);
@@ -357,7 +313,7 @@ mod tests {
                 "{turn_deg} deg, {shift_m} m"
             );
         }
-        let focal = machine.cameras[0].intrinsics.fx / truth.cameras[0].intrinsics.fx;
+        let focal = machine.cameras[0].intrinsics.fx / lens.intrinsics.fx;
         assert!((focal - 1.0).abs() < 1e-3, "{focal}");
     }
 }
