@@ -1,10 +1,11 @@
-//! Random rendered boards, many of them: `cargo run --release -p vergence-calib --example rendered_boards -- 2000`.
+//! Random rendered boards, many of them:
+//! `cargo run --release -p vergence-calib --example rendered_boards -- [COUNT [FIRST_SEED]]`.
 
 #[allow(dead_code, reason = "shared with a test")]
 #[path = "../tests/boards/mod.rs"]
 mod boards;
 
-use boards::{CASES, Case, errors, random_shot};
+use boards::{CASES, Case, Shot, errors, random_shot};
 use vergence_calib::{Target, detect};
 
 const TARGETS: [&str; 6] = [
@@ -24,41 +25,32 @@ fn target(text: &str) -> Target {
 }
 
 fn main() {
-    let count = std::env::args()
-        .nth(1)
-        .and_then(|n| n.parse().ok())
-        .unwrap_or(2000);
-    let first = 10_000;
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let number = |word: Option<&String>, otherwise: u64| {
+        word.map_or(otherwise, |n| match n.parse() {
+            Ok(n) => n,
+            Err(e) => panic!("usage: rendered_boards [COUNT [FIRST_SEED]]: {n}: {e}"),
+        })
+    };
+    let count = number(words.first(), 2500);
+    let first = number(words.get(1), 1);
     let mut all = Tally::default();
     for case in CASES {
         let share = first..first + count / CASES.len() as u64;
         let tally = Tally::of(share, |seed| (TARGETS[seed as usize % TARGETS.len()], case));
-        println!(
-            "{case:?}: fair {}, found {}, beyond {}, refused {}, corners {}, wrong {:?}, missed {:?}",
-            tally.fair,
-            tally.found,
-            tally.found_beyond,
-            tally.refused,
-            tally.corners,
-            tally.wrong,
-            tally.missed
-        );
-        all.fair += tally.fair;
-        all.found += tally.found;
-        all.found_beyond += tally.found_beyond;
-        all.refused += tally.refused;
-        all.corners += tally.corners;
-        all.wrong.extend(tally.wrong);
+        println!("{case:?}: {}", tally.line());
+        for (what, names) in [
+            ("wrong", &tally.wrong),
+            ("fits both", &tally.fits_both),
+            ("missed", &tally.missed),
+        ] {
+            for name in names {
+                println!("  {what}: {name}");
+            }
+        }
+        all.add_all(tally);
     }
-    println!(
-        "all: {} fair, {} of them found, {} found beyond, {} refused, {} corners, {} wrong",
-        all.fair,
-        all.found,
-        all.found_beyond,
-        all.refused,
-        all.corners,
-        all.wrong.len()
-    );
+    println!("all: {}", all.line());
 }
 
 include!("../tests/boards/tally.rs");

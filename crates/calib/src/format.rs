@@ -6,6 +6,7 @@ use nalgebra::Isometry3;
 
 use crate::camera_file::{CameraFile, CameraSet};
 use crate::opencv::Markup;
+use crate::read::LengthUnit;
 use crate::{CalibError, RigCalibration, kalibr, opencv, ros};
 
 /// Formats that are written.
@@ -83,6 +84,28 @@ impl RigCalibration {
     /// [`CalibError::CannotHold`] when the format has no place for what the rig holds (k3 in Kalibr, control characters in a
     /// name), or when a number is not finite.
     pub fn to_text(&self, format: Format) -> Result<Vec<TextFile>, CalibError> {
+        self.to_text_in(format, LengthUnit::Metre)
+    }
+
+    /// [`Self::to_text`] with translations in another unit than metres, which only OpenCV's files have a place for.
+    ///
+    /// # Errors
+    /// As [`Self::to_text`], and [`CalibError::CannotHold`] for another unit than metres in another format.
+    pub fn to_text_in(
+        &self,
+        format: Format,
+        unit: LengthUnit,
+    ) -> Result<Vec<TextFile>, CalibError> {
+        let opencv = matches!(format, Format::OpenCvYaml | Format::OpenCvXml);
+        if unit != LengthUnit::Metre && !opencv {
+            return Err(CalibError::CannotHold {
+                format: format.title(),
+                reason: format!(
+                    "its lengths are metres, {} was asked for; only OpenCV's files can have another unit",
+                    unit.id()
+                ),
+            });
+        }
         let chain: Vec<CameraFile> = (0..2)
             .map(|i| CameraFile {
                 name: self.names[i].clone(),
@@ -103,11 +126,11 @@ impl RigCalibration {
             Format::Json => vec![file("rig.json", self.to_json()?)],
             Format::OpenCvYaml => two(
                 ["intrinsics.yml", "extrinsics.yml"],
-                opencv::pair_texts(self, Markup::Yaml)?,
+                opencv::pair_texts(self, Markup::Yaml, unit)?,
             ),
             Format::OpenCvXml => two(
                 ["intrinsics.xml", "extrinsics.xml"],
-                opencv::pair_texts(self, Markup::Xml)?,
+                opencv::pair_texts(self, Markup::Xml, unit)?,
             ),
             Format::Ros => two(["left.yaml", "right.yaml"], ros::pair_texts(self)?),
             Format::Kalibr => vec![file("camchain.yaml", kalibr::text(&chain)?)],
@@ -120,7 +143,20 @@ impl RigCalibration {
     /// # Errors
     /// As [`Self::to_text`], and [`CalibError::Io`] with the path.
     pub fn write_as(&self, folder: &Path, format: Format) -> Result<Vec<PathBuf>, CalibError> {
-        write_files(folder, &self.to_text(format)?)
+        self.write_as_in(folder, format, LengthUnit::Metre)
+    }
+
+    /// [`Self::write_as`] with translations in another unit, as [`Self::to_text_in`].
+    ///
+    /// # Errors
+    /// As [`Self::to_text_in`], and [`CalibError::Io`] with the path.
+    pub fn write_as_in(
+        &self,
+        folder: &Path,
+        format: Format,
+        unit: LengthUnit,
+    ) -> Result<Vec<PathBuf>, CalibError> {
+        write_files(folder, &self.to_text_in(format, unit)?)
     }
 }
 

@@ -183,15 +183,24 @@ pub struct Health {
 }
 
 /// Accumulates matched points of one picture after the other and forgets the old ones.
+///
+/// A picture that contradicts what is remembered is put aside. When the next one says the same, the camera was knocked: what was known before is
+/// forgotten at once, and both count. When it does not, the odd one was a mismatch and never counts.
 #[derive(Clone, Debug)]
 pub struct HealthMonitor {
+    known: Knowledge,
+    odd: Option<Knowledge>,
+    keep: f64,
+}
+
+/// What some pictures say: normal equations of the six, and sums for the figures.
+#[derive(Clone, Copy, Debug)]
+struct Knowledge {
     information: Matrix6<f64>,
     right: Vector6<f64>,
-    weight: f64,
     squares: [f64; 2],
     agreeing: f64,
     matches: f64,
-    keep: f64,
 }
 
 /// Huber's limit of the fit, in standard deviations, and the number of rounds in which weights are renewed.
@@ -226,61 +235,58 @@ pub fn health(rig: &RigCalibration, matches: &[Match]) -> Option<Health> {
     monitor.health(rig)
 }
 
-impl HealthMonitor {
-    /// A monitor that keeps the share `keep` (0 to 1) of what it knows from picture to picture: 0 looks at the last picture alone, 0.98
-    /// averages over some fifty.
-    pub fn new(keep: f64) -> Self {
+impl Knowledge {
+    fn nothing() -> Self {
         Self {
             information: Matrix6::zeros(),
             right: Vector6::zeros(),
-            weight: 0.0,
             squares: [0.0; 2],
             agreeing: 0.0,
             matches: 0.0,
-            keep: keep.clamp(0.0, 1.0),
         }
     }
 
-    /// Take in the matched points of one picture. `rig` is the calibration at the motors' state of that picture.
-    pub fn update(&mut self, rig: &RigCalibration, matches: &[Match]) {
-        let rows = rows(rig, matches);
-        self.information *= self.keep;
-        self.right *= self.keep;
-        for value in [&mut self.weight, &mut self.agreeing, &mut self.matches] {
-            *value *= self.keep;
+    fn faded(mut self, keep: f64) -> Self {
+        self.information *= keep;
+        self.right *= keep;
+        for value in self
+            .squares
+            .iter_mut()
+            .chain([&mut self.agreeing, &mut self.matches])
+        {
+            *value *= keep;
         }
-        self.squares = self.squares.map(|s| s * self.keep);
-        let before = (self.information, self.right);
-        // Robust weights need the residuals of the fit, and the fit needs the weights.
-        let mut scale = starting_scale(&rows);
-        let mut drift = match self.weight > 0.0 {
-            true => self.drift(),
-            false => Vector6::zeros(),
-        };
+        self
+    }
+
+    /// With the points of one more picture. Robust weights need the residuals of the fit, and the fit needs the weights.
+    fn with(&self, rows: &[Row], focal_px: f64) -> Self {
+        let mut fitted = *self;
+        let mut scale = starting_scale(rows);
+        let mut drift = self.drift();
         for _ in 0..ROUNDS {
-            (self.information, self.right) = before;
-            for row in &rows {
+            (fitted.information, fitted.right) = (self.information, self.right);
+            for row in rows {
                 let away = (row.error - row.parameters.dot(&drift)).abs() / (row.sigma * scale);
                 let weight = if away <= HUBER { 1.0 } else { HUBER / away };
                 let weight = if away > 3.0 * OUTLIER { 0.0 } else { weight };
                 let information = weight / (row.sigma * scale).powi(2);
-                self.information += row.parameters * row.parameters.transpose() * information;
-                self.right += row.parameters * (row.error * information);
+                fitted.information += row.parameters * row.parameters.transpose() * information;
+                fitted.right += row.parameters * (row.error * information);
             }
-            drift = self.drift();
-            scale = residual_scale(&rows, &drift);
+            drift = fitted.drift();
+            scale = residual_scale(rows, &drift);
         }
-        let focal = rig.cameras[0].intrinsics.fy;
-        for row in &rows {
+        for row in rows {
             let rest = row.error - row.parameters.dot(&drift);
             if rest.abs() <= OUTLIER * row.sigma * scale {
-                self.agreeing += 1.0;
-                self.squares[0] += (row.error * focal).powi(2);
-                self.squares[1] += (rest * focal).powi(2);
+                fitted.agreeing += 1.0;
+                fitted.squares[0] += (row.error * focal_px).powi(2);
+                fitted.squares[1] += (rest * focal_px).powi(2);
             }
         }
-        self.weight += 1.0;
-        self.matches += rows.len() as f64;
+        fitted.matches += rows.len() as f64;
+        fitted
     }
 
     fn posterior(&self) -> Matrix6<f64> {
@@ -295,13 +301,66 @@ impl HealthMonitor {
         self.posterior() * self.right
     }
 
+    /// Whether both cannot be pictures of one rig: their drifts differ by more than scatter and lens models explain.
+    fn contradicts(&self, other: &Self, floors: &[f64; 6]) -> bool {
+        let enough = |k: &Self| k.agreeing >= LEAST_MATCHES as f64;
+        if !(enough(self) && enough(other)) {
+            return false;
+        }
+        let away = self.drift() - other.drift();
+        let floors = Vector6::from_iterator(floors.map(|f| f * f));
+        let covariance = self.posterior() + other.posterior() + Matrix6::from_diagonal(&floors);
+        covariance
+            .cholesky()
+            .is_some_and(|c| away.dot(&c.solve(&away)) > CONTRADICTION)
+    }
+}
+
+/// Squared distance, in standard deviations, from which two pictures contradict each other: chance exceeds it once in ten million pairs of
+/// pictures (chi squared of six degrees of freedom).
+const CONTRADICTION: f64 = 43.0;
+
+impl HealthMonitor {
+    /// A monitor that keeps the share `keep` (0 to 1) of what it knows from picture to picture: 0 looks at the last picture alone, 0.98
+    /// averages over some fifty. 1 takes all pictures for those of one state: none is put aside.
+    pub fn new(keep: f64) -> Self {
+        Self {
+            known: Knowledge::nothing(),
+            odd: None,
+            keep: keep.clamp(0.0, 1.0),
+        }
+    }
+
+    /// Take in the matched points of one picture. `rig` is the calibration at the motors' state of that picture.
+    pub fn update(&mut self, rig: &RigCalibration, matches: &[Match]) {
+        let rows = rows(rig, matches);
+        let focal_px = rig.cameras[0].intrinsics.fy;
+        let before = self.known.faded(self.keep);
+        if self.keep > 0.0 && self.keep < 1.0 {
+            let floors = floors(rig);
+            let alone = Knowledge::nothing().with(&rows, focal_px);
+            if alone.contradicts(&self.known, &floors) {
+                match self.odd.take() {
+                    Some(odd) if !alone.contradicts(&odd, &floors) => {
+                        self.known = odd.faded(self.keep).with(&rows, focal_px);
+                    }
+                    _ => self.odd = Some(alone),
+                }
+                return;
+            }
+            self.odd = None;
+        }
+        self.known = before.with(&rows, focal_px);
+    }
+
     /// Health as far as is known now; `None` before [`LEAST_MATCHES`] points that agree were seen.
     pub fn health(&self, rig: &RigCalibration) -> Option<Health> {
-        if self.agreeing < LEAST_MATCHES as f64 {
+        let known = &self.known;
+        if known.agreeing < LEAST_MATCHES as f64 {
             return None;
         }
-        let covariance = self.posterior();
-        let drift = covariance * self.right;
+        let covariance = known.posterior();
+        let drift = covariance * known.right;
         let focal = rig.cameras[0].intrinsics.fy;
         let over_picture = mean_square_form(rig);
         let mean_square = (drift.transpose() * over_picture * drift)[0];
@@ -322,10 +381,10 @@ impl HealthMonitor {
             floor: floors[i],
         });
         Some(Health {
-            matches: self.matches.round() as usize,
-            agreeing: self.agreeing.round() as usize,
-            rows_rms_px: (self.squares[0] / self.agreeing).sqrt(),
-            corrected_rms_px: (self.squares[1] / self.agreeing).sqrt(),
+            matches: known.matches.round() as usize,
+            agreeing: known.agreeing.round() as usize,
+            rows_rms_px: (known.squares[0] / known.agreeing).sqrt(),
+            corrected_rms_px: (known.squares[1] / known.agreeing).sqrt(),
             drift_px,
             drift_sigma_px,
             disparity_px,
@@ -362,12 +421,8 @@ fn verdict(
 }
 
 impl Health {
-    /// The rig with what can be seen of the drift taken into account: pitch, roll and vergence of the right camera (those drifts that are
-    /// significant). The base and the zoom are left: a knock turns mounts rather than shifting lenses, and a wrong base would bend ranges.
-    ///
-    /// # Errors
-    /// As [`RigCalibration::from_poses`], for a drift so large that no stereo rig is left.
-    pub fn corrected(&self, rig: &RigCalibration) -> Result<RigCalibration, crate::CalibError> {
+    /// Pitch, vergence and roll of the right camera as a rotation vector in the base frame, radians, x, y, z; 0 where a drift is not significant.
+    pub fn certain_turn(&self) -> Vector3<f64> {
         let told = |i: usize| {
             let drift = &self.drifts[i];
             if drift.is_significant() {
@@ -376,7 +431,16 @@ impl Health {
                 0.0
             }
         };
-        let turn = UnitQuaternion::from_scaled_axis(Vector3::new(told(0), told(1), told(2)));
+        Vector3::new(told(0), told(1), told(2))
+    }
+
+    /// The rig with what can be seen of the drift taken into account: pitch, roll and vergence of the right camera (those drifts that are
+    /// significant). The base and the zoom are left: a knock turns mounts rather than shifting lenses, and a wrong base would bend ranges.
+    ///
+    /// # Errors
+    /// As [`RigCalibration::from_poses`], for a drift so large that no stereo rig is left.
+    pub fn corrected(&self, rig: &RigCalibration) -> Result<RigCalibration, crate::CalibError> {
+        let turn = UnitQuaternion::from_scaled_axis(self.certain_turn());
         let calibrated = rig.base_from_cam[1];
         let turned = Isometry3::from_parts(
             Translation3::from(calibrated.translation.vector),

@@ -297,7 +297,11 @@ enum Value {
 }
 
 /// The two files of a rig, intrinsics and extrinsics.
-pub(crate) fn pair_texts(rig: &RigCalibration, markup: Markup) -> Result<[String; 2], CalibError> {
+pub(crate) fn pair_texts(
+    rig: &RigCalibration,
+    markup: Markup,
+    unit: LengthUnit,
+) -> Result<[String; 2], CalibError> {
     let mut intrinsics = Vec::new();
     for (i, end) in OF_PAIR.iter().enumerate() {
         let (width, height) = (format!("image_width{end}"), format!("image_height{end}"));
@@ -312,7 +316,7 @@ pub(crate) fn pair_texts(rig: &RigCalibration, markup: Markup) -> Result<[String
     let right_from_left = rig.base_from_cam[1].inverse() * rig.base_from_cam[0];
     let turn = right_from_left.rotation.to_rotation_matrix();
     let extrinsics = vec![
-        ("length_unit".to_owned(), Value::Text("m".to_owned())),
+        ("length_unit".to_owned(), Value::Text(unit.id().to_owned())),
         (
             "R".to_owned(),
             Value::Matrix(turn.matrix().transpose().iter().copied().collect(), 3),
@@ -320,7 +324,10 @@ pub(crate) fn pair_texts(rig: &RigCalibration, markup: Markup) -> Result<[String
         (
             "T".to_owned(),
             Value::Matrix(
-                right_from_left.translation.vector.iter().copied().collect(),
+                (right_from_left.translation.vector / unit.in_metres())
+                    .iter()
+                    .copied()
+                    .collect(),
                 1,
             ),
         ),

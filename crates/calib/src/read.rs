@@ -27,6 +27,16 @@ pub enum LengthUnit {
 }
 
 impl LengthUnit {
+    /// Its sign, as files and flags have it.
+    pub fn id(self) -> &'static str {
+        match self {
+            Self::Metre => "m",
+            Self::Centimetre => "cm",
+            Self::Millimetre => "mm",
+            Self::Inch => "in",
+        }
+    }
+
     /// Length of one unit, metres.
     pub fn in_metres(self) -> f64 {
         match self {

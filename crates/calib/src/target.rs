@@ -183,24 +183,23 @@ fn with_markers(
     layout: &Layout,
     target: &Target,
 ) -> Result<Detection, NotFound> {
-    let mut best: Option<Detection> = None;
+    let mut best: Option<marked::Found> = None;
     let mut seen = marked::Seen::default();
     for &count in order {
-        match marked::find(&levels[..count], layout) {
-            Ok(detection) => {
-                let enough = 2 * detection.corners.len() >= target.point_count();
-                let more = best
-                    .as_ref()
-                    .is_none_or(|b| detection.corners.len() > b.corners.len());
-                if more {
-                    best = Some(detection);
-                }
-                if enough {
-                    break;
-                }
-            }
-            Err(other) => seen = seen.max(other),
+        let Some(found) = marked::find(&levels[..count], layout, &mut seen) else {
+            continue;
+        };
+        let corners = found.detection.corners.len();
+        let most = best.as_ref().map_or(0, |b| b.detection.corners.len());
+        if corners > most {
+            best = Some(found);
+        }
+        if 2 * corners >= target.point_count() {
+            break;
         }
     }
-    best.ok_or_else(|| seen.explained(target))
+    // A fragment of another board may fit; the rest of it does not.
+    best.filter(|found| found.agreeing >= seen.contradicting)
+        .map(|found| found.detection)
+        .ok_or_else(|| seen.explained(target))
 }

@@ -248,3 +248,38 @@ fn too_little_says_nothing() {
     });
     assert_eq!(health(&rig, &points).unwrap().verdict, HealthVerdict::Good);
 }
+
+/// A knock is believed when two pictures in a row say the same: then it is known as well as if the rig had always been so. A single odd picture
+/// counts for nothing.
+#[test]
+fn a_knock_is_told_from_an_odd_picture() {
+    let rig = rig(0.02);
+    let knocked = Planted {
+        turn: [9.0 * ARC_MINUTE, 0.0, 6.0 * ARC_MINUTE],
+        ..Planted::default()
+    };
+    let mut monitor = HealthMonitor::new(0.8);
+    let mut seen = |planted: Planted, seed: u64| {
+        monitor.update(&rig, &matches(&rig, planted, None, 300, seed));
+        monitor.health(&rig).unwrap()
+    };
+    for seed in 0..6 {
+        assert_eq!(seen(Planted::default(), seed).verdict, HealthVerdict::Good);
+    }
+    let quiet = seen(Planted::default(), 6);
+    assert_eq!(seen(knocked, 7), quiet);
+    assert_eq!(seen(Planted::default(), 8).verdict, HealthVerdict::Good);
+    assert_eq!(seen(knocked, 9).verdict, HealthVerdict::Good);
+    let health = seen(knocked, 10);
+    assert_eq!(health.verdict, HealthVerdict::Recalibrate);
+    for (kind, planted) in [
+        (DriftKind::Pitch, knocked.turn[0]),
+        (DriftKind::Roll, knocked.turn[2]),
+    ] {
+        let (found, sigma) = value(&health, kind);
+        assert!(
+            (found - planted).abs() < 4.0 * sigma,
+            "{kind:?}: {found}, {sigma}"
+        );
+    }
+}

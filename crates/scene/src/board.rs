@@ -140,6 +140,36 @@ fn bounds(
     })
 }
 
+/// Light while the picture moves evenly by a path, pixels, during the exposure: the mean along it. The truth is that of the middle of the exposure; what
+/// lies beyond the border is repeated.
+pub fn smeared(light: &Plane<f32>, path_px: [f64; 2]) -> Plane<f32> {
+    let (width, height) = light.size();
+    // Two samples a pixel of the path.
+    let count = (2.0 * path_px[0].hypot(path_px[1])).ceil() as usize + 1;
+    if count == 1 || width == 0 || height == 0 {
+        return light.clone();
+    }
+    let clamped = |at: f64, n: usize| at.clamp(0.0, (n - 1) as f64);
+    Plane::from_fn(width, height, |u, v| {
+        let sum: f64 = (0..count)
+            .map(|i| {
+                let t = (i as f64 + 0.5) / count as f64 - 0.5;
+                let x = clamped(u as f64 + t * path_px[0], width);
+                let y = clamped(v as f64 + t * path_px[1], height);
+                let (left, top) = (x as usize, y as usize);
+                let (right, bottom) = ((left + 1).min(width - 1), (top + 1).min(height - 1));
+                let (fx, fy) = (x - left as f64, y - top as f64);
+                let row = |v: usize| {
+                    let (a, b) = (f64::from(light.at(left, v)), f64::from(light.at(right, v)));
+                    a + fx * (b - a)
+                };
+                row(top) + fy * (row(bottom) - row(top))
+            })
+            .sum();
+        (sum / count as f64) as f32
+    })
+}
+
 /// Exact light to 8 bits: blur, shading, noise, rounding. The same inputs give the same bytes.
 pub fn develop(light: &Plane<f32>, look: &Look) -> Gray {
     let (width, height) = light.size();
@@ -435,6 +465,32 @@ mod tests {
         assert!(mixed > 60, "only {mixed} pixels lie on a border");
         // A border moved by 0.004 px changes a pixel by 0.004; the rays themselves are off by up to 1/200.
         assert!(worst < 0.006, "off by {worst}");
+    }
+
+    /// A point that moves leaves a streak: its light, its middle, and the second moments of an even path (length squared over 12, along the
+    /// path) beside those of sampling between pixels.
+    #[test]
+    fn motion_leaves_a_streak() {
+        let light = Plane::from_fn(41, 41, |u, v| if (u, v) == (20, 20) { 100.0 } else { 0.0 });
+        let path = [6.0, -4.0];
+        let streak = smeared(&light, path);
+        let mut sums = [0.0_f64; 6];
+        for v in 0..41 {
+            for u in 0..41 {
+                let (x, y) = (u as f64 - 20.0, v as f64 - 20.0);
+                let terms = [1.0, x, y, x * x, y * y, x * y];
+                for (sum, term) in sums.iter_mut().zip(terms) {
+                    *sum += term * f64::from(streak.at(u, v)) / 100.0;
+                }
+            }
+        }
+        let [mass, x, y, xx, yy, xy] = sums;
+        assert!((mass - 1.0).abs() < 1e-5 && x.abs() < 1e-5 && y.abs() < 1e-5);
+        // Bilinear samples add up to 1/4 along each axis and nothing across.
+        assert!((0.0..0.27).contains(&(xx - 3.0)), "{xx}");
+        assert!((-0.02..0.27).contains(&(yy - 16.0 / 12.0)), "{yy}");
+        assert!((xy + 2.0).abs() < 0.05, "{xy}");
+        assert_eq!(smeared(&light, [0.0, 0.0]), light);
     }
 
     /// Blur keeps the mean, noise has the deviation that was asked for, and the seed decides all.

@@ -61,20 +61,33 @@ pub(crate) struct Problem<'a> {
 pub(crate) struct LensBelief {
     /// Distortion coefficients are 0, give or take this.
     pub(crate) coefficient_sigma: f64,
+    /// No coefficient by itself moves the picture's corner, give or take this share of its distance from the middle.
+    pub(crate) corner_sigma: f64,
     /// The principal point lies in the picture's middle, give or take so many widths.
     pub(crate) centre_sigma_widths: f64,
 }
 
 impl LensBelief {
+    /// A lens that somebody has built. Where few corners are seen near the border, high powers would otherwise follow their noise and fold the
+    /// picture over.
+    pub(crate) fn built(corner_sigma: f64) -> Self {
+        Self {
+            corner_sigma,
+            ..Self::OPEN
+        }
+    }
+
     /// Hardly anything, which no lens feels, and which keeps the system solvable where the pictures say nothing about a coefficient.
     pub(crate) const OPEN: Self = Self {
         coefficient_sigma: 1e3,
+        corner_sigma: f64::INFINITY,
         centre_sigma_widths: 10.0,
     };
 
     /// An ordinary lens: for the first steps, from a start that may be far off.
     pub(crate) const ORDINARY: Self = Self {
         coefficient_sigma: 0.2,
+        corner_sigma: f64::INFINITY,
         centre_sigma_widths: 0.02,
     };
 }
@@ -248,23 +261,34 @@ impl Problem<'_> {
     }
 
     /// What the belief says of a camera: (parameter, what it should be away from, one over its variance).
-    fn beliefs(&self, camera: &Camera) -> Vec<(usize, f64, f64)> {
+    fn beliefs(&self, model: LensModel, camera: &Camera) -> Vec<(usize, f64, f64)> {
         let k = &camera.intrinsics;
         let centre = k.centre();
         let shift = 1.0 / (self.belief.centre_sigma_widths * k.width as f64).powi(2);
         let bend = 1.0 / self.belief.coefficient_sigma.powi(2);
+        let corner = f64::hypot(k.width as f64 / k.fx, k.height as f64 / k.fy) / 2.0;
+        // Numerator and denominator of the rational lens are large together.
+        let share = match model {
+            LensModel::BrownConrady8 => 20.0 * self.belief.corner_sigma,
+            _ => self.belief.corner_sigma,
+        };
+        let at_corner = |power: i32| (corner.powi(power) / share).powi(2);
         let coefficients = camera.distortion.coefficients();
-        let bends = coefficients.iter().enumerate();
+        let bends = coefficients.iter().zip(model.powers()).enumerate();
         [(2, k.cx - centre.x, shift), (3, k.cy - centre.y, shift)]
             .into_iter()
-            .chain(bends.map(|(i, c)| (super::lens::PINHOLE + i, *c, bend)))
+            .chain(
+                bends.map(|(i, (c, power))| {
+                    (super::lens::PINHOLE + i, *c, bend + at_corner(*power))
+                }),
+            )
             .collect()
     }
 
     fn add_beliefs(&self, state: &State, normal: &mut Normal) {
         for (i, camera) in state.cameras.iter().enumerate() {
             let range = self.camera_range(i);
-            for (parameter, away, information) in self.beliefs(camera) {
+            for (parameter, away, information) in self.beliefs(self.models[i], camera) {
                 if parameter < range.len() {
                     let index = range.start + parameter;
                     normal.h[(index, index)] += information;
@@ -276,7 +300,7 @@ impl Problem<'_> {
     }
 
     /// Huber's loss of an error in standard deviations, and its weight: r²/2 within the limit, linear beyond.
-    fn loss(&self, size: f64) -> (f64, f64) {
+    pub(crate) fn loss(&self, size: f64) -> (f64, f64) {
         match size <= self.huber {
             true => (0.5 * size * size, 1.0),
             false => (self.huber * (size - 0.5 * self.huber), self.huber / size),
@@ -304,7 +328,7 @@ impl Problem<'_> {
         }
         for (i, camera) in state.cameras.iter().enumerate() {
             let count = self.camera_range(i).len();
-            let beliefs = self.beliefs(camera).into_iter();
+            let beliefs = self.beliefs(self.models[i], camera).into_iter();
             let told = beliefs.filter(|(parameter, ..)| *parameter < count);
             cost += told
                 .map(|(_, away, information)| 0.5 * information * away * away)
@@ -478,6 +502,10 @@ const LEAST_EIGENVALUE: f64 = 1e-14;
 /// system is singular to rounding; their variance then comes out very large instead of not at all.
 fn floored_inverse(matrix: DMatrix<f64>) -> DMatrix<f64> {
     let n = matrix.nrows();
+    // A known lens alone leaves nothing but the places of the board.
+    if n == 0 {
+        return matrix;
+    }
     let eigen = matrix.symmetric_eigen();
     let floor = eigen.eigenvalues.amax() * LEAST_EIGENVALUE;
     let inverted = DVector::from_fn(n, |i, _| 1.0 / eigen.eigenvalues[i].max(floor));

@@ -1,10 +1,11 @@
 //! Calibrate: one camera, cameras that stand still against each other, or the motorised head.
 
-use nalgebra::{DMatrix, Isometry3, Matrix6};
-use vergence_geometry::Camera;
+use nalgebra::{DMatrix, Isometry3, Matrix6, Point2};
+use vergence_geometry::{Camera, Distortion};
 
 use super::bundle::{LensBelief, Limits, Problem, Shot, State};
 use super::checks::{self, Weakness};
+use super::flatness::{Flatness, flatness};
 use super::initial;
 use super::lens::LensModel;
 use super::mechanism::{AXES, Mechanism, Unknowns};
@@ -91,6 +92,8 @@ pub struct Calibration {
     pub corner_count: usize,
     /// Shots that took no part.
     pub rejected: Vec<Rejected>,
+    /// Shape of the board; `None` where the pictures do not tell it.
+    pub flatness: Option<Flatness>,
     /// What is weak about it, with the remedy.
     pub weaknesses: Vec<Weakness>,
     /// Name of every parameter, with its unit where it is not pixels.
@@ -247,7 +250,7 @@ fn fixed(
         cameras,
         Mechanism::Fixed(rig),
         &poses,
-        unknowns,
+        &unknowns,
     )
 }
 
@@ -274,7 +277,7 @@ pub fn calibrate_head(
         cameras,
         Mechanism::Head(head),
         &poses,
-        unknowns,
+        &unknowns,
     )?;
     calibration.weaknesses.extend(checks::axes(shots, &told));
     Ok(calibration)
@@ -305,11 +308,76 @@ fn first_cameras(shots: &[Shot], settings: &Settings) -> Result<Vec<Camera>, Cal
         .collect()
 }
 
+/// Solved by the pictures alone; where they leave a lens so open that it folds inside the picture, which no lens does, once more with what is
+/// believed of lenses.
 fn solved(
     shots: &[Shot],
     settings: &Settings,
     cameras: Vec<Camera>,
     mechanism: Mechanism,
+    poses: &[Option<(Isometry3<f64>, f64)>],
+    unknowns: &Unknowns,
+) -> Result<Calibration, CalibError> {
+    let start = (cameras, mechanism);
+    let by = |belief| {
+        let (start, unknowns) = (start.clone(), unknowns.clone());
+        solved_by(belief, shots, settings, start, poses, unknowns)
+    };
+    let open = by(LensBelief::OPEN)?;
+    let folded = folded(&open.cameras);
+    if folded.is_empty() || settings.known.is_some() {
+        return Ok(open);
+    }
+    let mut held = open;
+    for corner_sigma in CORNER_SIGMAS {
+        held = by(LensBelief::built(corner_sigma))?;
+        if self::folded(&held.cameras).is_empty() {
+            break;
+        }
+    }
+    for camera in folded {
+        held.weaknesses.push(Weakness {
+            what: format!(
+                "the pictures leave the lens of camera {camera} open near the border, where it is held to what lenses are like"
+            ),
+            remedy: "add pictures with the board at the border and in the corners".to_owned(),
+        });
+    }
+    Ok(held)
+}
+
+/// How far, as a share of its distance from the middle, a coefficient is believed to move the picture's corner: the widest of these by which no
+/// lens folds.
+const CORNER_SIGMAS: [f64; 4] = [0.5, 0.2, 0.08, 0.03];
+
+/// Cameras whose lens folds inside the picture.
+fn folded(cameras: &[Camera]) -> Vec<usize> {
+    let of = |i: &usize| folds(&cameras[*i]);
+    (0..cameras.len()).filter(of).collect()
+}
+
+/// Whether a pixel of the picture's border has no viewing ray. (The models of fisheyes have pixels behind the camera, without fault.)
+fn folds(camera: &Camera) -> bool {
+    if matches!(camera.distortion, Distortion::KannalaBrandt(_)) {
+        return false;
+    }
+    const STEPS: usize = 16;
+    let k = &camera.intrinsics;
+    let (right, bottom) = ((k.width - 1) as f64, (k.height - 1) as f64);
+    (0..=STEPS).any(|i| {
+        let share = i as f64 / STEPS as f64;
+        let (u, v) = (share * right, share * bottom);
+        [(u, 0.0), (u, bottom), (0.0, v), (right, v)]
+            .iter()
+            .any(|(u, v)| camera.ray(&Point2::new(*u, *v)).is_none())
+    })
+}
+
+fn solved_by(
+    belief: LensBelief,
+    shots: &[Shot],
+    settings: &Settings,
+    (cameras, mechanism): (Vec<Camera>, Mechanism),
     poses: &[Option<(Isometry3<f64>, f64)>],
     unknowns: Unknowns,
 ) -> Result<Calibration, CalibError> {
@@ -329,9 +397,12 @@ fn solved(
     };
     for round in 0..ROUNDS {
         let taken = Taken::new(shots, &rejected);
-        let mut problem = taken.problem(settings, unknowns.clone());
+        let mut problem = taken.problem(settings, unknowns.clone(), belief);
         // The first round forgives more: its start is rough.
-        problem.huber = if round == 0 { 10.0 * HUBER } else { HUBER };
+        problem.huber = match round {
+            0 => 10.0 * HUBER,
+            _ => HUBER * typical_error(&taken.shots, &taken.state(&state)),
+        };
         let (next, cost) = problem.solve(taken.state(&state), &Limits::default());
         if !cost.is_finite() {
             return Err(CalibError::Views {
@@ -353,8 +424,29 @@ fn solved(
         }
     }
     rejected.sort_by_key(|r| r.shot);
-    finished(shots, settings, state, rejected, unknowns)
+    finished(shots, settings, state, rejected, (unknowns, belief))
 }
+
+/// How many of their stated standard deviations the errors typically are, by their median, where that is more than [`DISAGREEING`]; else 1. In
+/// pairs that were not taken at one moment they are many, and Huber's limit must not make outliers of them all.
+fn typical_error(shots: &[Shot], state: &State) -> f64 {
+    let mut sizes: Vec<f64> = (shots.iter())
+        .flat_map(|shot| {
+            let squares = squared_errors(shot, state).into_iter();
+            (squares.zip(&shot.sightings)).map(|(e, s)| e.sqrt() / s.sigma_px)
+        })
+        .collect();
+    if sizes.is_empty() {
+        return 1.0;
+    }
+    let middle = sizes.len() / 2;
+    let (_, median, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
+    let typical = *median / RAYLEIGH_MEDIAN;
+    if typical > DISAGREEING { typical } else { 1.0 }
+}
+
+/// Median length of two normal errors of deviation 1: the root of 2 ln 2.
+const RAYLEIGH_MEDIAN: f64 = 1.177_41;
 
 /// The shots that take part, their places of the board numbered without gaps.
 struct Taken {
@@ -383,14 +475,14 @@ impl Taken {
         }
     }
 
-    fn problem(&self, settings: &Settings, unknowns: Unknowns) -> Problem<'_> {
+    fn problem(&self, settings: &Settings, unknowns: Unknowns, belief: LensBelief) -> Problem<'_> {
         Problem {
             models: settings.models.clone(),
             unknowns,
             shots: &self.shots,
             huber: HUBER,
             lenses_told: settings.known.is_none(),
-            belief: LensBelief::OPEN,
+            belief,
         }
     }
 
@@ -466,10 +558,10 @@ fn finished(
     settings: &Settings,
     state: State,
     rejected: Vec<Rejected>,
-    unknowns: Unknowns,
+    (unknowns, belief): (Unknowns, LensBelief),
 ) -> Result<Calibration, CalibError> {
     let taken = Taken::new(shots, &rejected);
-    let problem = taken.problem(settings, unknowns);
+    let problem = taken.problem(settings, unknowns, belief);
     let part = taken.state(&state);
     let undetermined = || CalibError::Views {
         reason: "the pictures leave part of the calibration open".to_owned(),
@@ -495,6 +587,7 @@ fn finished(
             with_parameters: &block.w / variance,
         })
         .collect();
+    let flatness = flatness(&problem, &part, error_scale);
     let all: Vec<(usize, Vec<f64>)> = taken
         .shots
         .iter()
@@ -533,6 +626,7 @@ fn finished(
         error_scale,
         corner_count,
         rejected,
+        flatness,
         weaknesses: Vec::new(),
         parameters: problem.names(),
         covariance: covariance * variance,

@@ -73,7 +73,7 @@ pub(crate) fn weaknesses(
     shots: &[Shot],
     settings: &Settings,
 ) -> Result<Vec<Weakness>, CalibError> {
-    let mut found = Vec::new();
+    let mut found: Vec<Weakness> = bent(calibration).into_iter().collect();
     if settings.known.is_some() {
         return Ok(found);
     }
@@ -115,6 +115,20 @@ pub(crate) fn weaknesses(
         found.extend(focal_weakness(calibration, camera)?);
     }
     Ok(found)
+}
+
+/// A board that is not flat.
+fn bent(calibration: &Calibration) -> Option<Weakness> {
+    let board = calibration.flatness.filter(|f| f.bent)?;
+    Some(Weakness {
+        what: format!(
+            "the board is bent by about {:.2} mm (± {:.2} mm) from its lowest to its highest corner",
+            1e3 * board.bend_m,
+            1e3 * board.sigma_m
+        ),
+        remedy: "glue it to something flat and stiff, such as glass or an aluminium panel"
+            .to_owned(),
+    })
 }
 
 fn focal_weakness(

@@ -47,6 +47,15 @@ impl LensModel {
         }
     }
 
+    /// The power of the distance from the middle, by which each coefficient's share of that distance grows.
+    pub(crate) fn powers(self) -> &'static [i32] {
+        match self {
+            Self::BrownConrady5 => &[2, 4, 1, 1, 6],
+            Self::BrownConrady8 => &[2, 4, 1, 1, 6, 2, 4, 6],
+            Self::KannalaBrandt => &[2, 4, 6, 8],
+        }
+    }
+
     /// An undistorted lens of this model (for Kannala–Brandt the equidistant one) with equal focal lengths and the principal point in
     /// the middle of the picture.
     pub(crate) fn plain_camera(self, focal_px: f64, size: (usize, usize)) -> Camera {

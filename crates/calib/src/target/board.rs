@@ -101,8 +101,8 @@ impl Charuco {
         (column + row + shift) % 2 == 1
     }
 
-    /// Marked squares, (column, row), in the order of their markers' numbers.
-    pub(crate) fn marked_squares(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+    /// Marked squares, (column, row) from the top left one, in the order of their markers' numbers.
+    pub fn marked_squares(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
         (0..self.rows)
             .flat_map(|row| (0..self.columns).map(move |column| (column, row)))
             .filter(|&(column, row)| self.is_marked(column, row))

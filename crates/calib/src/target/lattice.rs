@@ -113,6 +113,21 @@ impl Lattice {
             .min_by(f64::total_cmp)
     }
 
+    /// Direction in which the lattice's lines run through a corner along a step, by its neighbours before and behind it, radians;
+    /// `None` when neither is known.
+    pub(crate) fn direction(&self, column: i32, row: i32, [dx, dy]: [i32; 2]) -> Option<f64> {
+        let here = self.get(column, row)?;
+        let (before, behind) = (
+            self.get(column - dx, row - dy),
+            self.get(column + dx, row + dy),
+        );
+        if before.is_none() && behind.is_none() {
+            return None;
+        }
+        let (a, b) = (before.unwrap_or(here).at, behind.unwrap_or(here).at);
+        Some((b[1] - a[1]).atan2(b[0] - a[0]))
+    }
+
     /// Where a corner should be by the three others of each square that it closes: a middle one of the answers. `None` when
     /// no square is known. Good for unequal steps, too.
     pub(crate) fn predicted(&self, column: i32, row: i32) -> Option<[f64; 2]> {

@@ -38,6 +38,10 @@ const LEAST_CONTRAST: f64 = 0.3;
 /// Readings that must agree for each marker of the board's in a wrong place: another board of the same dictionary agrees in some markers. For
 /// each that is none of the board's, one must.
 const MOST_AGAINST: usize = 3;
+/// Squares of strays that may hang on to a board, beyond its last corners.
+const MOST_STRAY_SQUARES: usize = 1;
+/// A pattern with a square beyond the board's last corners for so many or fewer inside is a larger one.
+const LEAST_BEYOND: usize = 4;
 /// Ways that are compared cell by cell, those with the most votes.
 const MOST_WAYS: usize = 32;
 
@@ -216,6 +220,15 @@ pub(crate) struct Seen {
     pub(crate) pattern: usize,
     /// Squares in which something like a marker was read.
     pub(crate) readings: usize,
+    /// Markers of the board's, each cell of them, that no one way to lay the board over their pattern explains.
+    pub(crate) contradicting: usize,
+}
+
+/// A board that was found in a level.
+pub(crate) struct Found {
+    pub(crate) detection: Detection,
+    /// Markers that are where the board has them, each cell of them.
+    pub(crate) agreeing: usize,
 }
 
 impl Seen {
@@ -238,6 +251,16 @@ impl Seen {
                     .to_owned(),
             };
         }
+        if self.contradicting > 0 {
+            return NotFound {
+                reason: format!(
+                    "{} of {} marker(s) are those of {asked}, but in other squares than there",
+                    self.contradicting, self.readings
+                ),
+                hint: "it is another board with the same dictionary: check the number of columns and rows, and whether the layout is \"legacy\""
+                    .to_owned(),
+            };
+        }
         NotFound {
             reason: format!(
                 "{} marker(s) are seen in a pattern of {} corners, but they do not fit {asked}",
@@ -250,12 +273,10 @@ impl Seen {
     }
 }
 
-/// The board in the last of some levels, or what was seen instead.
-pub(crate) fn find(levels: &[Level], layout: &Layout) -> Result<Detection, Seen> {
-    let mut seen = Seen::default();
-    let Some(level) = levels.last() else {
-        return Err(seen);
-    };
+/// The board in the last of some levels; what else was seen is added to `seen`.
+pub(crate) fn find(levels: &[Level], layout: &Layout, seen: &mut Seen) -> Option<Found> {
+    let level = levels.last()?;
+    let (mut agreeing, mut contradicting) = (0, 0);
     let mut corners: BTreeMap<usize, Corner> = BTreeMap::new();
     let mut mirrored = None;
     for mut lattice in patterns(level).into_iter().take(MOST_PATTERNS) {
@@ -272,7 +293,10 @@ pub(crate) fn find(levels: &[Level], layout: &Layout) -> Result<Detection, Seen>
         seen.pattern = seen.pattern.max(lattice.count());
         let readings = readings(level, &lattice, layout);
         seen.readings = seen.readings.max(readings.len());
-        let Some(way) = best_way(&readings, layout) else {
+        let exact = exact_votes(&readings, layout);
+        let way = best_way(&readings, layout).filter(|way| !goes_on(&lattice, way, layout));
+        let Some(way) = way else {
+            contradicting += exact.all - exact.most;
             continue;
         };
         // Two patterns of one board cannot be seen from different sides.
@@ -280,19 +304,43 @@ pub(crate) fn find(levels: &[Level], layout: &Layout) -> Result<Detection, Seen>
             continue;
         }
         mirrored = Some(way.is_mirrored());
+        agreeing += exact.most;
         let confirmed = drop_contradicted(&mut lattice, &readings, &way, layout);
         for corner in named(levels, &lattice, &way, &confirmed, layout) {
             corners.entry(corner.id).or_insert(corner);
         }
     }
-    match mirrored {
-        Some(mirrored) if corners.len() >= 4 => Ok(Detection {
+    seen.contradicting = seen.contradicting.max(contradicting);
+    let mirrored = mirrored.filter(|_| corners.len() >= 4)?;
+    Some(Found {
+        detection: Detection {
             corners: corners.into_values().collect(),
             ambiguous_rotation: false,
             mirrored,
-        }),
-        _ => Err(seen),
+        },
+        agreeing,
+    })
+}
+
+/// Whether the pattern goes on where the board has ended, as that of a larger board does whose first markers are the same. Around a board
+/// there is its margin; a stray on it closes a square at most.
+fn goes_on(lattice: &Lattice, way: &Way, layout: &Layout) -> bool {
+    let (mut inside, mut beyond) = (0, 0);
+    for (x, y, _) in lattice.iter() {
+        let square = [[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]];
+        if square.iter().any(|c| lattice.get(c[0], c[1]).is_none()) {
+            continue;
+        }
+        if square
+            .iter()
+            .all(|&c| layout.id_at(way.corner(c)).is_some())
+        {
+            inside += 1;
+        } else {
+            beyond += 1;
+        }
     }
+    beyond > MOST_STRAY_SQUARES && LEAST_BEYOND * beyond >= inside
 }
 
 /// Drops corners of squares whose marker contradicts the board, unless another marker confirms them: a part of the pattern may have been joined
@@ -368,9 +416,24 @@ fn named(
         .collect()
 }
 
-/// The way to lay the board that the readings agree on; `None` when they do not.
-fn best_way(readings: &[Reading], layout: &Layout) -> Option<Way> {
-    let tolerance = layout.tolerance();
+/// Markers of a pattern without a wrong cell.
+struct ExactVotes {
+    all: usize,
+    /// The most that agree on one way to lay the board.
+    most: usize,
+}
+
+fn exact_votes(readings: &[Reading], layout: &Layout) -> ExactVotes {
+    let votes = votes(readings, layout, 0);
+    let is_exact = |r: &&Reading| layout.codes.iter().flatten().any(|&code| code == r.code);
+    ExactVotes {
+        all: readings.iter().filter(is_exact).count(),
+        most: votes.into_values().max().unwrap_or(0),
+    }
+}
+
+/// How many readings with up to so many wrong cells ask for each way to lay the board.
+fn votes(readings: &[Reading], layout: &Layout, tolerance: u32) -> BTreeMap<Way, usize> {
     let mut votes: BTreeMap<Way, usize> = BTreeMap::new();
     let mut homes = vec![[0; 2]; layout.codes.len()];
     for row in -1..layout.rows {
@@ -395,7 +458,15 @@ fn best_way(readings: &[Reading], layout: &Layout) -> Option<Way> {
             }
         }
     }
-    let mut ways: Vec<(usize, Way)> = votes.into_iter().map(|(way, n)| (n, way)).collect();
+    votes
+}
+
+/// The way to lay the board that the readings agree on; `None` when they do not.
+fn best_way(readings: &[Reading], layout: &Layout) -> Option<Way> {
+    let mut ways: Vec<(usize, Way)> = votes(readings, layout, layout.tolerance())
+        .into_iter()
+        .map(|(way, n)| (n, way))
+        .collect();
     ways.sort_by_key(|&(n, way)| (std::cmp::Reverse(n), way));
     ways.truncate(MOST_WAYS);
     let hypotheses = (8 * layout.codes.len()) as f64;

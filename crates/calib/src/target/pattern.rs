@@ -10,6 +10,9 @@ use super::trace::links;
 const WINDOW_SHARE: f64 = 0.42;
 /// Radius of the window, pixels of the level: below, seven unknowns have too few pixels; above, lenses bend the edges.
 const WINDOW_PX: [f64; 2] = [2.3, 7.0];
+/// Window of a second try beside markers, as a share of the first, and its least radius, pixels of the level.
+const TIGHT_SHARE: f64 = 0.65;
+const TIGHT_PX: f64 = 2.0;
 /// Farthest that a corner may be from where its neighbours let one expect it, in distances to the nearest neighbour.
 const LARGEST_DEVIATION: f64 = 0.12;
 
@@ -53,7 +56,22 @@ pub(crate) fn refine(level: &Level, lattice: &mut Lattice, windows: Windows) {
         .into_iter()
         .map(|(x, y, p)| {
             let spacing = lattice.spacing(x, y);
-            let place = spacing.and_then(|s| fitted(level, &p, s, windows));
+            // What is printed beside a corner bends the second derivatives, not the way to its neighbours.
+            let start = Place {
+                edges: [
+                    lattice.direction(x, y, [1, 0]).unwrap_or(p.edges[0]),
+                    lattice.direction(x, y, [0, 1]).unwrap_or(p.edges[1]),
+                ],
+                ..p
+            };
+            let place = spacing.and_then(|s| {
+                let radius = windows.radius(s);
+                fitted(level, &start, s, radius).or_else(|| {
+                    // Ink on the square beside it may reach into the window all the same, through the picture's blur.
+                    let less = (TIGHT_SHARE * radius).max(TIGHT_PX);
+                    fitted(level, &start, s, less).filter(|_| windows.share < WINDOW_SHARE)
+                })
+            });
             (x, y, place)
         })
         .collect();
@@ -62,13 +80,13 @@ pub(crate) fn refine(level: &Level, lattice: &mut Lattice, windows: Windows) {
     }
 }
 
-fn fitted(level: &Level, place: &Place, spacing: f64, windows: Windows) -> Option<Place> {
+fn fitted(level: &Level, place: &Place, spacing: f64, radius: f64) -> Option<Place> {
     let start = Start {
         at: place.at,
         edges: place.edges,
         white: place.white,
         amplitude: place.amplitude,
-        radius: windows.radius(spacing),
+        radius,
         leash: (LARGEST_DEVIATION * spacing).max(1.8),
     };
     let fit = refine::fit(&level.picture, &start)?;
@@ -113,7 +131,7 @@ pub(crate) fn fill(level: &Level, lattice: &mut Lattice, windows: Windows) {
                     continue;
                 };
                 let spacing = expected_spacing(lattice, cx, cy, expected.at);
-                let place = fitted(level, &expected, spacing, windows);
+                let place = fitted(level, &expected, spacing, windows.radius(spacing));
                 // One that was found already must not be found twice.
                 let place = place.filter(|p| is_apart(lattice, cx, cy, p.at, spacing));
                 if place.is_some_and(|p| p.amplitude > 0.4 * expected.amplitude) {

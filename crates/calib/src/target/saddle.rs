@@ -170,3 +170,39 @@ fn ring_amplitude(smooth: &Plane<f32>, at: [f64; 2]) -> Option<f32> {
         });
     Some(0.5 * (high - low))
 }
+
+#[cfg(test)]
+mod tests {
+    use vergence_imaging::Gray;
+
+    use super::*;
+
+    /// The response of one pixel as the module's head has it.
+    fn plain_response(smooth: &Plane<f32>, u: usize, v: usize) -> f32 {
+        let at = |du: usize, dv: usize| smooth.at(u + du - 1, v + dv - 1);
+        let uu = at(0, 1) + at(2, 1) - 2.0 * at(1, 1);
+        let vv = at(1, 0) + at(1, 2) - 2.0 * at(1, 1);
+        let uv = 0.25 * (at(0, 0) + at(2, 2) - at(2, 0) - at(0, 2));
+        uv * uv - uu * vv
+    }
+
+    /// The loop over a row gives every pixel the plain formula's bits, at any width, and leaves the row's ends alone.
+    #[test]
+    fn response_is_that_of_the_plain_formula() {
+        for width in [3, 4, 7, 16, 37, 130] {
+            let noise = |u: usize, v: usize| vergence_scene::hash::mix((v * 977 + u) as u64) as u8;
+            let level = Level::full(Gray::from_fn(width, 9, noise));
+            let smooth = level.smooth();
+            for v in 1..8 {
+                let mut row = vec![-7.0; width];
+                let rows = [smooth.row(v - 1), smooth.row(v), smooth.row(v + 1)];
+                saddle_response(rows, &mut row);
+                for (u, value) in row.iter().enumerate().take(width - 1).skip(1) {
+                    let plain = plain_response(smooth, u, v);
+                    assert_eq!(value.to_bits(), plain.to_bits(), "{width}: {u}, {v}");
+                }
+                assert_eq!([row[0], row[width - 1]], [-7.0; 2]);
+            }
+        }
+    }
+}

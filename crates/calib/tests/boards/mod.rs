@@ -1,10 +1,12 @@
 //! Rendered boards with known corners, drawn at random from a seed.
 
+use std::ops::Range;
+
 use nalgebra::{Isometry3, Point2, Translation3, UnitQuaternion, Vector3};
 use vergence_calib::{Detection, Target};
 use vergence_geometry::{BrownConrady, Camera, Intrinsics};
 use vergence_imaging::{Gray, Plane};
-use vergence_scene::board::{Look, Patch, Tones, develop, draw};
+use vergence_scene::board::{Look, Patch, Tones, develop, draw, smeared};
 use vergence_scene::hash::{mix, uniform_from};
 
 /// Draws from a seed.
@@ -48,9 +50,13 @@ pub(crate) enum Case {
     Clutter,
     /// Seen in a mirror.
     Mirrored,
+    /// Moved during the exposure by 2 to 8 pixels, in any direction.
+    Moving,
+    /// Seen from the side, at 50 to 67 degrees.
+    Oblique,
 }
 
-pub(crate) const CASES: [Case; 8] = [
+pub(crate) const CASES: [Case; 10] = [
     Case::Whole,
     Case::Hidden,
     Case::Blurred,
@@ -59,6 +65,8 @@ pub(crate) const CASES: [Case; 8] = [
     Case::Other,
     Case::Clutter,
     Case::Mirrored,
+    Case::Moving,
+    Case::Oblique,
 ];
 
 /// A rendered picture and the truth about it.
@@ -106,7 +114,7 @@ pub(crate) fn pose(
     camera: &Camera,
     draws: &mut Draws,
     share: f64,
-    largest_tilt: f64,
+    tilts: Range<f64>,
     off_centre: f64,
 ) -> Isometry3<f64> {
     let sheet = target.rectangles()[0];
@@ -115,7 +123,7 @@ pub(crate) fn pose(
     let k = &camera.intrinsics;
     let z = k.fx * diagonal / (share * k.height as f64);
     let roll = draws.between(0.0, std::f64::consts::TAU);
-    let tilt = draws.between(0.0, largest_tilt);
+    let tilt = draws.between(tilts.start, tilts.end);
     let around = draws.between(0.0, std::f64::consts::TAU);
     let tilted =
         UnitQuaternion::from_scaled_axis(tilt * Vector3::new(around.cos(), around.sin(), 0.0));
@@ -193,7 +201,8 @@ fn clutter(light: &mut Plane<f32>, camera: &Camera, draws: &mut Draws, count: us
 
 /// Picture number `seed` of a case. `shown` is drawn; what will be asked for does not matter here.
 pub(crate) fn random_shot(shown: &Target, case: Case, seed: u64) -> Shot {
-    let draws = &mut Draws::new(seed);
+    // Cases do not share their cameras and attitudes.
+    let draws = &mut Draws::new(mix(seed) ^ case as u64);
     let k1 = match case {
         Case::Bent => draws.between(-0.42, -0.25),
         _ => draws.between(-0.15, 0.05),
@@ -207,12 +216,17 @@ pub(crate) fn random_shot(shown: &Target, case: Case, seed: u64) -> Shot {
     let share = match case {
         Case::Blurred => draws.between(0.9, 1.2),
         Case::Bent => draws.between(1.0, 1.5),
+        Case::Oblique | Case::Moving => draws.between(0.9, 1.3),
         _ if hidden => draws.between(0.7, 1.6),
         _ => draws.between(0.6, 1.15),
     };
     let off = if hidden { 0.7 } else { 0.2 };
-    let tilt = if case == Case::Bent { 0.5 } else { 0.8 };
-    let cam_from_board = pose(shown, &camera, draws, share, tilt, off);
+    let tilts = match case {
+        Case::Bent => 0.0..0.5,
+        Case::Oblique => 0.87..1.17,
+        _ => 0.0..0.8,
+    };
+    let cam_from_board = pose(shown, &camera, draws, share, tilts, off);
     let mut light = Plane::filled(640, 480, draws.between(20.0, 220.0) as f32);
     let many = if case == Case::Clutter { 120 } else { 25 };
     clutter(&mut light, &camera, draws, many, 60.0);
@@ -232,6 +246,10 @@ pub(crate) fn random_shot(shown: &Target, case: Case, seed: u64) -> Shot {
     if hidden {
         let count = 1 + draws.below(3);
         clutter(&mut light, &camera, draws, count, 130.0);
+    }
+    if case == Case::Moving {
+        let (length, angle) = (draws.between(2.0, 8.0), draws.between(0.0, 3.15));
+        light = smeared(&light, [length * angle.cos(), length * angle.sin()]);
     }
     let look = Look {
         blur_px: match case {

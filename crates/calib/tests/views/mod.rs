@@ -208,11 +208,23 @@ pub(crate) fn head_shots(
     seed: u64,
 ) -> Vec<Shot> {
     let board = corners(11, 8, 0.03);
+    head_shots_of(&board, head, lenses, (placements, states), sigma_px, seed)
+}
+
+/// The same with any board.
+pub(crate) fn head_shots_of(
+    board: &[Point3<f64>],
+    head: &Head,
+    lenses: &[Camera; 2],
+    (placements, states): (usize, usize),
+    sigma_px: f64,
+    seed: u64,
+) -> Vec<Shot> {
     let mut random = Random(seed);
     let mut shots = Vec::new();
     for placement in 0..placements {
         let distance = random.between(0.6, 2.5);
-        let rig_from_board = held(&lenses[placement % 2], &board, distance, 0.6, &mut random);
+        let rig_from_board = held(&lenses[placement % 2], board, distance, 0.6, &mut random);
         for _ in 0..states {
             // Vergence from parallel to 3.5 degrees each, pan and tilt by a few degrees about the board.
             let mut motors = MotorState::default();
@@ -235,7 +247,7 @@ pub(crate) fn head_shots(
                     (i, lens),
                     (placement, &cam_from_board),
                     motors,
-                    &board,
+                    board,
                     sigma_px,
                     &mut random,
                 ));
