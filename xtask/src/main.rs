@@ -1,11 +1,7 @@
 //! `cargo xtask`: the gate (`ci`), the benchmarks against named peers (`bench-vs`), the loop on many seeds (`seeds`), and
 //! the default quality model (`train-quality`, `evaluate-quality`).
 
-mod bench_depth;
-mod bench_diivine;
-mod bench_numpy;
-mod bench_remap;
-mod bench_targets;
+mod bench;
 mod gate;
 mod quality;
 mod seeds;
@@ -20,15 +16,12 @@ const USAGE: &str = "usage:
   cargo xtask bench-vs numpy       bulk parallax beside NumPy, as a ratio
   cargo xtask bench-vs diivine     quality features beside one Fourier transform, and NumPy with SciPy
   cargo xtask bench-vs targets     calibration targets in real pictures beside OpenCV
+  cargo xtask bench-vs calibration stereo calibration beside OpenCV, judged by pairs held out
   cargo xtask bench-vs remap       remapping and rectification maps beside OpenCV
   cargo xtask bench-vs depth       dense disparity beside OpenCV's semi-global matchers
   cargo xtask seeds 1 20 [PATH]... the closed loop on seeds 1 to 20, each path beside its goal
   cargo xtask train-quality        the default quality model from its seed, about 20 minutes on two cores
   cargo xtask evaluate-quality     that model beside the LIVE model, on the folder of reference data";
-
-/// Counts what is allocated, for the benchmarks that tell memory.
-#[global_allocator]
-static ALLOCATOR: peak_alloc::PeakAlloc = peak_alloc::PeakAlloc;
 
 fn main() -> ExitCode {
     let args: Vec<String> = std::env::args().skip(1).collect();
@@ -37,11 +30,7 @@ fn main() -> ExitCode {
         ["ci"] => gate::run(gate::Tests::Run),
         ["ci", "--without-tests"] => gate::run(gate::Tests::RanBefore),
         ["tidy"] => tidy::check(),
-        ["bench-vs", "numpy"] => bench_numpy::run(),
-        ["bench-vs", "depth"] => bench_depth::run(),
-        ["bench-vs", "diivine"] => bench_diivine::run(),
-        ["bench-vs", "targets"] => bench_targets::run(),
-        ["bench-vs", "remap"] => bench_remap::run(),
+        ["bench-vs", name] => bench::run(name),
         ["train-quality", words @ ..] => quality::train(words),
         ["evaluate-quality", words @ ..] => quality::evaluate(words),
         ["seeds", from, to, paths @ ..] => seeds::run(from, to, paths),

@@ -95,6 +95,12 @@ pub fn read_gray(path: &Path) -> Result<Gray, ImageError> {
     Ok(crate::colour::luma_from_rgb(&read_rgb(path)?))
 }
 
+/// Read a picture as 16-bit grey, as [`write_gray16`] writes it; of 8 bits each level becomes 257 levels.
+pub fn read_gray16(path: &Path) -> Result<Plane<u16>, ImageError> {
+    let bytes = read_bytes(path, MAX_FILE_BYTES)?;
+    decoded(path, || formats::gray16_from_bytes(&bytes))
+}
+
 /// Width and height of a picture in pixels, from its header alone: the rest of the file may still be unreadable. Of a file whose
 /// header is not at its beginning (behind a large colour profile, say) more is read.
 pub fn read_size(path: &Path) -> Result<(usize, usize), ImageError> {

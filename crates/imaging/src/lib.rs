@@ -4,8 +4,6 @@
 
 pub mod avi;
 pub mod colour;
-pub mod fft;
-pub mod fft64;
 pub mod files;
 mod jpeg;
 pub mod pfm;

@@ -5,7 +5,8 @@
 //! picture, so that the whole is less than the sum. Ratios in one run: `cargo xtask bench-vs diivine`.
 
 use divan::{Bencher, black_box};
-use vergence_imaging::fft64::{Complex64, ComplexFft2, RealFft2};
+use vergence_fft::Complex64;
+use vergence_fft::double::{ComplexFft2, RealFft2};
 use vergence_imaging::{Gray, Plane};
 use vergence_quality::features::correlation::correlations;
 use vergence_quality::features::normalise::{Normalised, normalised};

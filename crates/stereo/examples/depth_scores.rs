@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use vergence_imaging::Gray;
 use vergence_imaging::colour::luma_from_rgb;
-use vergence_imaging::files::read_rgb;
+use vergence_imaging::files::{read_gray, read_gray16, read_rgb};
 use vergence_stereo::depth::{DepthMap, DepthMatcher, DepthSettings};
 
 const CHOSEN: [&str; 4] = ["art", "dolls", "cloth3", "motorcycle"];
@@ -71,16 +71,17 @@ fn grey(folder: &Path, name: &str) -> Result<Gray, Failure> {
 
 /// Shares in percent that are wrong by more than 1, 2 and 4 px, mean error in px, share in percent with a disparity.
 fn scores(folder: &Path, map: &DepthMap) -> Result<[f64; 5], Failure> {
-    let truth = image::open(folder.join("gt.png"))?.into_luma16();
-    let seen = image::open(folder.join("nonocc.png"))?.into_luma8();
+    let truth = read_gray16(&folder.join("gt.png"))?;
+    let seen = read_gray(&folder.join("nonocc.png"))?;
     let pixels = truth
-        .pixels()
-        .zip(seen.pixels())
+        .samples()
+        .iter()
+        .zip(seen.samples())
         .zip(map.disparity_px.samples());
     let (mut all, mut known, mut sum, mut bad) = (0.0, 0.0, 0.0, [0.0; 3]);
-    for ((truth, _), d) in pixels.filter(|((_, seen), _)| seen.0[0] == 255) {
+    for ((truth, _), d) in pixels.filter(|((_, seen), _)| **seen == 255) {
         // 256 steps a pixel.
-        let error = (d - f32::from(truth.0[0]) / 256.0).abs();
+        let error = (d - f32::from(*truth) / 256.0).abs();
         all += 1.0;
         for (bad, limit) in bad.iter_mut().zip([1.0, 2.0, 4.0]) {
             // A missing disparity is NaN, which is not below any limit.

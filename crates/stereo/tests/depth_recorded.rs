@@ -11,6 +11,7 @@
 mod recorded;
 
 use vergence_imaging::colour::luma_from_rgb;
+use vergence_imaging::files::{read_gray, read_gray16};
 use vergence_stereo::depth::{DepthMap, DepthSettings, depth_map};
 
 /// Scene and share in percent that OpenCV has wrong by more than 2 px, missing ones among them (mode HH, parameters chosen for these scenes,
@@ -31,16 +32,16 @@ const OPENCV_MEAN: [f64; 2] = [4.90, 0.54];
 
 /// Errors (px, NaN where nothing is known) with their confidence, of the pixels that both eyes see.
 fn errors(folder: &std::path::Path, map: &DepthMap) -> Vec<(f32, f32)> {
-    let truth = image::open(folder.join("gt.png")).unwrap().into_luma16();
-    let seen = image::open(folder.join("nonocc.png")).unwrap().into_luma8();
+    let truth = read_gray16(&folder.join("gt.png")).unwrap();
+    let seen = read_gray(&folder.join("nonocc.png")).unwrap();
     let planes = map
         .disparity_px
         .samples()
         .iter()
         .zip(map.confidence.samples());
-    (truth.pixels().zip(seen.pixels()).zip(planes))
-        .filter(|((_, seen), _)| seen.0[0] == 255)
-        .map(|((truth, _), (d, sure))| ((d - f32::from(truth.0[0]) / 256.0).abs(), *sure))
+    (truth.samples().iter().zip(seen.samples()).zip(planes))
+        .filter(|((_, seen), _)| **seen == 255)
+        .map(|((truth, _), (d, sure))| ((d - f32::from(*truth) / 256.0).abs(), *sure))
         .collect()
 }
 

@@ -14,6 +14,7 @@ mod texture;
 use texture::texture;
 use vergence_imaging::Gray;
 use vergence_imaging::colour::luma_from_rgb;
+use vergence_imaging::files::{read_gray, read_gray16};
 use vergence_stereo::StereoError;
 use vergence_stereo::dense::{DenseSettings, Seen, disparity_map};
 
@@ -135,25 +136,24 @@ fn recorded_pairs_against_ground_truth() {
         if !truth.is_file() {
             continue;
         }
-        let truth = image::open(truth).unwrap().to_luma16();
-        let seen = image::open(pair.folder.join("nonocc.png"))
-            .unwrap()
-            .to_luma8();
+        let truth = read_gray16(&truth).unwrap();
+        let seen = read_gray(&pair.folder.join("nonocc.png")).unwrap();
         let grey = [luma_from_rgb(&pair.left), luma_from_rgb(&pair.right)];
         let map =
             disparity_map([&grey[0], &grey[1]], &NO_SHIFT, &DenseSettings::default()).unwrap();
         let (mut known, mut missing, mut bad, mut square) = (0.0, 0.0, 0.0, 0.0);
-        for (x, y, value) in truth.enumerate_pixels() {
-            if value.0[0] == 0 || seen.get_pixel(x, y).0[0] == 0 {
+        for (i, &value) in truth.samples().iter().enumerate() {
+            if value == 0 || seen.samples()[i] == 0 {
                 continue;
             }
             known += 1.0;
-            let place = |v: u32, side: usize| {
-                (((f64::from(v) + 0.5) / map.scale - 0.5).round().max(0.0) as usize).min(side - 1)
+            let (x, y) = (i % truth.width(), i / truth.width());
+            let place = |v: usize, side: usize| {
+                (((v as f64 + 0.5) / map.scale - 0.5).round().max(0.0) as usize).min(side - 1)
             };
             let (width, height) = map.left_px.size();
             let d = map.left_px.at(place(x, width), place(y, height));
-            let error = f64::from(d) - f64::from(value.0[0]) / 256.0;
+            let error = f64::from(d) - f64::from(value) / 256.0;
             if error.is_nan() {
                 missing += 1.0;
             } else if error.abs() > 2.0 {

@@ -18,6 +18,7 @@ use vergence_geometry::Eye;
 use vergence_geometry::comfort::Viewing;
 use vergence_geometry::viewing::Viewer;
 use vergence_imaging::Rgb;
+use vergence_imaging::files::read_gray16;
 use vergence_stereo::faults::{Cause, Conditions, PairFaults, Refusal, Verdict, measure};
 
 /// To reach on real pairs: offset px, roll degrees, zoom percent.
@@ -156,11 +157,12 @@ fn parallax_agrees_with_the_published_disparities() {
         if !truth.is_file() || pair.name == "playground" {
             continue;
         }
-        let gt = image::open(truth).unwrap().to_luma16();
+        let gt = read_gray16(&truth).unwrap();
         let mut known: Vec<f64> = gt
-            .pixels()
-            .filter(|p| p.0[0] > 0)
-            .map(|p| f64::from(p.0[0]) / 256.0)
+            .samples()
+            .iter()
+            .filter(|p| **p > 0)
+            .map(|p| f64::from(*p) / 256.0)
             .collect();
         known.sort_by(f64::total_cmp);
         let at = |q: f64| known[(q * (known.len() - 1) as f64) as usize];

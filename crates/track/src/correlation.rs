@@ -1,7 +1,8 @@
 //! Discriminative correlation filter over several features (Bolme et al. 2010, MOSSE; Danelljan et al. 2017, DSST,
 //! equations 5-6: one denominator shared by all channels).
 
-use vergence_imaging::fft::{Complex32, Fft2};
+use vergence_fft::Complex32;
+use vergence_fft::single::Fft2;
 
 /// Samples per side of the window. A power of two for the transform; with the lattice of the follower it spans a
 /// little more than head to hip.

@@ -3,9 +3,11 @@
 pub mod fading;
 pub mod jpeg2000;
 
+use std::io::Cursor;
+
 use anyhow::Context as _;
-use image::ExtendedColorType;
-use image::codecs::jpeg::JpegEncoder;
+use image::codecs::jpeg::{JpegDecoder, JpegEncoder};
+use image::{DynamicImage, ExtendedColorType};
 use vergence_imaging::Gray;
 
 use crate::field::{blurred, field_from_gray, gray_from_field};
@@ -61,7 +63,7 @@ fn through_jpeg(picture: &Gray, quality: u8) -> anyhow::Result<Gray> {
         u32::try_from(h)?,
         ExtendedColorType::L8,
     )?;
-    let decoded = image::load_from_memory_with_format(&file, image::ImageFormat::Jpeg)?;
+    let decoded = DynamicImage::from_decoder(JpegDecoder::new(Cursor::new(file))?)?;
     Ok(Gray::from_samples(w, h, decoded.to_luma8().into_raw()))
 }
 

@@ -1,7 +1,6 @@
 //! Pictures as numbers: planes of `f32`, their filters and the way back to 8 bits.
 
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex;
+use vergence_fft::{Complex32, plans32};
 use vergence_imaging::{Gray, Plane};
 
 /// A plane of grey levels, 0 to 255 where it is a picture.
@@ -131,7 +130,7 @@ pub struct Spectrum {
     /// Rows.
     pub height: usize,
     /// Row by row.
-    pub samples: Vec<Complex<f32>>,
+    pub samples: Vec<Complex32>,
 }
 
 impl Spectrum {
@@ -140,7 +139,7 @@ impl Spectrum {
         let samples = field
             .samples()
             .iter()
-            .map(|&v| Complex::new(v, 0.0))
+            .map(|&v| Complex32::new(v, 0.0))
             .collect();
         let mut spectrum = Self {
             width: field.width(),
@@ -172,16 +171,18 @@ impl Spectrum {
     }
 
     fn transform(&mut self, direction: Direction) {
-        let mut planner = FftPlanner::new();
-        let mut plan = |n| match direction {
-            Direction::Forward => planner.plan_fft_forward(n),
-            Direction::Inverse => planner.plan_fft_inverse(n),
+        let plan = |n| {
+            let [forward, inverse] = plans32(n);
+            match direction {
+                Direction::Forward => forward,
+                Direction::Inverse => inverse,
+            }
         };
         let (rows, columns) = (plan(self.width), plan(self.height));
         for row in self.samples.chunks_exact_mut(self.width) {
             rows.process(row);
         }
-        let mut column = vec![Complex::default(); self.height];
+        let mut column = vec![Complex32::default(); self.height];
         for x in 0..self.width {
             for (y, value) in column.iter_mut().enumerate() {
                 *value = self.samples[y * self.width + x];

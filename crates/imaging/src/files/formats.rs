@@ -7,7 +7,7 @@ use image::{DynamicImage, ExtendedColorType, ImageDecoder as _, ImageFormat, Ima
 
 use super::{MAX_DECODE_BYTES, MAX_SIDE, ShownPicture};
 use crate::jpeg;
-use crate::plane::Rgb;
+use crate::plane::{Plane, Rgb};
 use crate::tags;
 
 /// What transparent parts are laid on.
@@ -22,6 +22,13 @@ pub(super) fn stored_from_bytes(bytes: &[u8]) -> Result<Rgb, String> {
         return rgb_from_jpeg(bytes);
     }
     Ok(rgb_from_image(decode(bytes)?.0.into_rgb8()))
+}
+
+/// Grey of 16 bits, alpha dropped.
+pub(super) fn gray16_from_bytes(bytes: &[u8]) -> Result<Plane<u16>, String> {
+    let picture = decode(bytes)?.0.into_luma16();
+    let (w, h) = (picture.width() as usize, picture.height() as usize);
+    Ok(Plane::from_samples(w, h, picture.into_raw()))
 }
 
 /// The picture as a viewer shows it.

@@ -2,8 +2,9 @@
 //! thread, much memory; the reference of the tests, never of a program.
 
 use nalgebra::DMatrix;
+use vergence_fft::Complex64;
+use vergence_fft::double::ComplexFft2;
 use vergence_imaging::Plane;
-use vergence_imaging::fft64::{Complex64, ComplexFft2};
 
 use super::enlarge::{Enlargement, keys};
 use super::normalise::cut;

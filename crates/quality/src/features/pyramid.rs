@@ -7,8 +7,9 @@
 
 use multiversion::multiversion;
 use rayon::prelude::*;
+use vergence_fft::Complex64;
+use vergence_fft::double::RealFft2;
 use vergence_imaging::Plane;
-use vergence_imaging::fft64::{Complex64, RealFft2};
 
 use super::tables::{ORIENTATIONS, TABLES, turn_from_angle};
 use super::workspace::Workspace;

@@ -3,8 +3,8 @@
 
 use std::sync::{Mutex, PoisonError};
 
+use vergence_fft::Complex64;
 use vergence_imaging::Plane;
-use vergence_imaging::fft64::Complex64;
 
 use super::pyramid::Masks;
 

@@ -10,47 +10,59 @@ const HALF: [isize; 2] = [4, 3];
 /// follows its neighbours.
 pub(super) const OUTSIDE: u8 = 26;
 
-/// One bit for each neighbour that is darker than the middle; the border repeats the picture's edge.
+/// So many words are made at a time, which registers hold while all neighbours are looked at.
+const WORDS: usize = 16;
+
+/// One bit for each neighbour that is darker than the middle, row by row; the border repeats the picture's edge.
 pub(crate) fn census(picture: &Gray) -> Plane<u64> {
     let (width, height) = picture.size();
     let mut words = vec![0u64; width * height];
-    words
-        .par_chunks_mut(width)
-        .enumerate()
-        .for_each(|(y, out)| {
-            for dy in -HALF[1]..=HALF[1] {
-                let row = picture.row((y as isize + dy).clamp(0, height as isize - 1) as usize);
-                for dx in -HALF[0]..=HALF[0] {
-                    if (dx, dy) == (0, 0) {
-                        continue;
-                    }
-                    add_bit(out, picture.row(y), row, dx);
-                }
-            }
+    // Rows with their edges repeated, so that no neighbour is outside.
+    let beside = HALF[0] as usize;
+    let wide = width.next_multiple_of(WORDS) + 2 * beside;
+    let mut padded = Gray::filled(wide, height, 0);
+    for y in 0..height {
+        let (row, out) = (picture.row(y), padded.row_mut(y));
+        out[..beside].fill(row[0]);
+        out[beside..beside + width].copy_from_slice(row);
+        out[beside + width..].fill(row[width - 1]);
+    }
+    let rows = words.par_chunks_mut(width).enumerate();
+    rows.for_each(|(y, out)| {
+        let around: [&[u8]; ROWS] = std::array::from_fn(|i| {
+            let row = y as isize + i as isize - HALF[1];
+            padded.row(row.clamp(0, height as isize - 1) as usize)
         });
+        words_of_row(&around, out);
+    });
     Plane::from_samples(width, height, words)
 }
 
+/// Rows of the window.
+const ROWS: usize = 2 * HALF[1] as usize + 1;
+
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
-/// Shift each word left and put the comparison with the neighbour `dx` to the right into its lowest bit.
-fn add_bit(words: &mut [u64], middle: &[u8], row: &[u8], dx: isize) {
-    let width = words.len();
-    let inner_from = dx.unsigned_abs().min(width);
-    let inner_to = width - inner_from;
-    let bit = |x: usize| {
-        let at = (x as isize + dx).clamp(0, width as isize - 1) as usize;
-        u64::from(row[at] < middle[x])
-    };
-    for x in (0..inner_from).chain(inner_to.max(inner_from)..width) {
-        words[x] = words[x] << 1 | bit(x);
-    }
-    if inner_to > inner_from {
-        let from = (inner_from as isize + dx) as usize;
-        let near = &row[from..from + inner_to - inner_from];
-        let inner = words[inner_from..inner_to].iter_mut();
-        for ((word, &m), &n) in inner.zip(&middle[inner_from..inner_to]).zip(near) {
-            *word = *word << 1 | u64::from(n < m);
+fn words_of_row(around: &[&[u8]; ROWS], out: &mut [u64]) {
+    let [beside, above] = HALF.map(|half| half as usize);
+    for (i, out) in out.chunks_mut(WORDS).enumerate() {
+        let at = |row: usize, dx: usize| -> [u8; WORDS] {
+            let from = i * WORDS + dx;
+            std::array::from_fn(|k| around[row][from..from + WORDS][k])
+        };
+        let middle = at(above, beside);
+        let mut words = [0u64; WORDS];
+        for row in 0..ROWS {
+            for dx in 0..=2 * beside {
+                if (row, dx) == (above, beside) {
+                    continue;
+                }
+                let near = at(row, dx);
+                for k in 0..WORDS {
+                    words[k] = words[k] << 1 | u64::from(near[k] < middle[k]);
+                }
+            }
         }
+        out.copy_from_slice(&words[..out.len()]);
     }
 }
 
@@ -105,6 +117,39 @@ fn row_costs(left: &[u64], right: &[u64], first: i32, count: usize, out: &mut [u
         let words = &reversed[(start + from) as usize..(start + to) as usize];
         for (o, &other) in out[from as usize..to as usize].iter_mut().zip(words) {
             *o = (word ^ other).count_ones() as u8;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Words are those of the definition, also where the window leaves the picture and in pictures smaller than it.
+    #[test]
+    fn words_are_those_of_the_definition() {
+        for (width, height) in [(37, 11), (16, 4), (5, 3), (1, 1)] {
+            let picture = Gray::from_fn(width, height, |x, y| {
+                ((x * 71 + y * 113 + x * y) % 64) as u8
+            });
+            let words = census(&picture);
+            for y in 0..height {
+                for x in 0..width {
+                    let mut word = 0u64;
+                    for dy in -HALF[1]..=HALF[1] {
+                        for dx in -HALF[0]..=HALF[0] {
+                            let place = |v: usize, d: isize, side: usize| {
+                                (v as isize + d).clamp(0, side as isize - 1) as usize
+                            };
+                            let near = picture.at(place(x, dx, width), place(y, dy, height));
+                            if (dx, dy) != (0, 0) {
+                                word = word << 1 | u64::from(near < picture.at(x, y));
+                            }
+                        }
+                    }
+                    assert_eq!(words.at(x, y), word, "{width} x {height}: {x} {y}");
+                }
+            }
         }
     }
 }

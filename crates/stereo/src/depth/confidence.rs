@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 use vergence_imaging::Plane;
 
+use super::check::nearest;
 use super::winner::Winners;
 use crate::dense::Seen;
 
@@ -24,25 +25,29 @@ pub(super) fn confidence(winners: &Winners, seen: &Plane<Seen>) -> Plane<f32> {
     let planes = out.samples_mut().par_chunks_mut(width).enumerate();
     planes.for_each(|(y, out)| {
         let (own, other) = (winners.left.row(y), winners.right.row(y));
-        let rows = seen.row(y).iter().zip(winners.margin.row(y));
-        for (x, (out, (&seen, &margin))) in out.iter_mut().zip(rows).enumerate() {
-            *out = match seen {
-                Seen::Both => {
-                    let there = (x as f32 - own[x]).round().max(0.0) as usize;
-                    let differ = match other.get(there) {
-                        Some(d) if !d.is_nan() => (d - own[x]).abs(),
-                        _ => 1.0,
-                    };
-                    let clear = margin / (margin + HALF_SURE);
-                    let agree = 1.0 / (1.0 + (differ - FREE_PX).max(0.0));
-                    (clear * agree).max(2.0 * FILLED)
-                }
-                Seen::Unknown => FILLED,
-                Seen::Occluded => HIDDEN,
-            };
-        }
+        confidence_row([own, other], winners.margin.row(y), seen.row(y), out);
     });
     out
+}
+
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
+fn confidence_row([own, other]: [&[f32]; 2], margin: &[f32], seen: &[Seen], out: &mut [f32]) {
+    for (x, (out, (&seen, &margin))) in out.iter_mut().zip(seen.iter().zip(margin)).enumerate() {
+        *out = match seen {
+            Seen::Both => {
+                let there = nearest(x as f32 - own[x]).max(0.0) as usize;
+                let differ = match other.get(there) {
+                    Some(d) if !d.is_nan() => (d - own[x]).abs(),
+                    _ => 1.0,
+                };
+                let clear = margin / (margin + HALF_SURE);
+                let agree = 1.0 / (1.0 + (differ - FREE_PX).max(0.0));
+                (clear * agree).max(2.0 * FILLED)
+            }
+            Seen::Unknown => FILLED,
+            Seen::Occluded => HIDDEN,
+        };
+    }
 }
 
 /// Standard deviation of a disparity with this confidence, px: `0.2 + 2.6 (1 - c)^2`, which about two thirds of the errors of recorded pairs stay

@@ -7,7 +7,7 @@ use super::prior::Prior;
 use crate::dense::census::census;
 
 /// Counts of disparities are multiples of this, so that inner loops are whole vectors.
-const LANES: usize = 16;
+pub(super) const LANES: usize = 16;
 
 /// Largest cost: with penalties of at most 64, the costs of two paths fit a byte.
 const MOST: u8 = 63;
@@ -112,45 +112,32 @@ impl<'a> Features<'a> {
     }
 }
 
-/// The costs of one row, `costs[x * count + k]`, 0 to [`MOST`]: left column x against right column `x - first - k`; columns outside
-/// repeat the edge. Keeps its buffers from row to row.
+/// What the costs of one row compare. Keeps its buffers from row to row.
 #[derive(Default)]
 pub(super) struct CostRow {
     words: Vec<u64>,
     slopes: Vec<u8>,
     grays: Vec<u8>,
-    costs: Vec<u8>,
     expected: Vec<usize>,
 }
 
 impl CostRow {
-    pub(super) fn of(&mut self, features: &Features<'_>, y: usize) -> &[u8] {
+    pub(super) fn of<'a>(&'a mut self, features: &'a Features<'_>, y: usize) -> Costs<'a> {
         let Features { left, right, .. } = features;
         reversed(right.words.row(y), features, &mut self.words);
         reversed(right.slopes.row(y), features, &mut self.slopes);
         reversed(right.grays.row(y), features, &mut self.grays);
-        self.costs.resize(features.width * features.count, 0);
-        let here = RowFeatures {
-            words: left.words.row(y),
-            slopes: left.slopes.row(y),
-            grays: left.grays.row(y),
-        };
-        let there = RowFeatures {
-            words: &self.words,
-            slopes: &self.slopes,
-            grays: &self.grays,
-        };
-        row_costs(&here, &there, features.count, &mut self.costs);
-        if let Some(prior) = &features.prior {
-            prior.row(y, features.width, features.wanted, &mut self.expected);
-            raise(&mut self.costs, features.count, &self.expected);
+        match &features.prior {
+            Some(prior) => prior.row(y, features.width, features.wanted, &mut self.expected),
+            None => self.expected.clear(),
         }
-        if features.wanted < features.count {
-            for costs in self.costs.chunks_exact_mut(features.count) {
-                costs[features.wanted..].fill(MOST);
-            }
+        Costs {
+            wanted: features.wanted,
+            words: [left.words.row(y), &self.words],
+            slopes: [left.slopes.row(y), &self.slopes],
+            grays: [left.grays.row(y), &self.grays],
+            expected: &self.expected,
         }
-        &self.costs
     }
 }
 
@@ -163,41 +150,38 @@ fn reversed<T: Copy>(row: &[T], features: &Features<'_>, out: &mut Vec<T>) {
     out.extend(places.map(|j| row[(start - j).clamp(0, edge) as usize]));
 }
 
-/// Costs of what is farther than each pixel's first expected index rise.
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
-fn raise(costs: &mut [u8], count: usize, expected: &[usize]) {
-    for (costs, &from) in costs.chunks_exact_mut(count).zip(expected) {
-        for cost in &mut costs[..from] {
-            *cost = (*cost + UNEXPECTED).min(MOST);
-        }
-    }
+/// What is compared along one row: of the left eye, and of the right eye backwards.
+#[derive(Clone, Copy)]
+pub(super) struct Costs<'a> {
+    wanted: usize,
+    words: [&'a [u64]; 2],
+    slopes: [&'a [u8]; 2],
+    grays: [&'a [u8]; 2],
+    /// First index at no extra cost; empty where nothing is expected.
+    expected: &'a [usize],
 }
 
-/// What is compared along one row, of one eye.
-struct RowFeatures<'a> {
-    words: &'a [u64],
-    slopes: &'a [u8],
-    grays: &'a [u8],
-}
-
-#[multiversion::multiversion(targets(
-    "x86_64+avx512f+avx512bw+avx512vl+avx512vpopcntdq+popcnt",
-    "x86_64+avx2+popcnt",
-    "x86_64+popcnt"
-))]
-fn row_costs(left: &RowFeatures<'_>, right: &RowFeatures<'_>, count: usize, out: &mut [u8]) {
-    let width = left.words.len();
-    for (x, out) in out.chunks_exact_mut(count).enumerate() {
-        let there = width - 1 - x..width - 1 - x + count;
-        let word = left.words[x];
-        for (o, &w) in out.iter_mut().zip(&right.words[there.clone()]) {
+impl Costs<'_> {
+    /// The costs of one pixel, 0 to [`MOST`]: left column x against right column `x - first - k`; columns outside repeat the edge.
+    #[inline(always)]
+    pub(super) fn at(&self, x: usize, out: &mut [u8]) {
+        let start = self.words[0].len() - 1 - x;
+        let there = start..start + out.len();
+        let word = self.words[0][x];
+        for (o, &w) in out.iter_mut().zip(&self.words[1][there.clone()]) {
             *o = (word ^ w).count_ones() as u8;
         }
-        let (slope, gray) = (left.slopes[x], left.grays[x]);
-        let others = right.slopes[there.clone()].iter().zip(&right.grays[there]);
+        let (slope, gray) = (self.slopes[0][x], self.grays[0][x]);
+        let others = (self.slopes[1][there.clone()].iter()).zip(&self.grays[1][there]);
         for (o, (&s, &g)) in out.iter_mut().zip(others) {
             *o = cost(u16::from(*o), slope.abs_diff(s), gray.abs_diff(g));
         }
+        if let Some(&from) = self.expected.get(x) {
+            for cost in &mut out[..from] {
+                *cost = (*cost + UNEXPECTED).min(MOST);
+            }
+        }
+        out[self.wanted..].fill(MOST);
     }
 }
 
@@ -228,8 +212,10 @@ mod tests {
             assert_eq!(features.count, 32);
             let mut row = CostRow::default();
             for y in [0, 4, 8] {
-                let costs = row.of(&features, y);
-                for (x, costs) in costs.chunks_exact(32).enumerate() {
+                let row = row.of(&features, y);
+                for x in 0..23 {
+                    let mut costs = [0; 32];
+                    row.at(x, &mut costs);
                     assert_eq!(costs[30..], [MOST; 2]);
                     for (k, &found) in costs[..30].iter().enumerate() {
                         let xr = (x as i64 - i64::from(first) - k as i64).clamp(0, 28) as usize;

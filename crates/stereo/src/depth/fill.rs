@@ -17,14 +17,12 @@ const NOTHING: Carried = Carried {
     way: f32::INFINITY,
 };
 
-/// For each pixel that is not seen by both, in the order of the pixels: what comes from four directions, twice.
-fn carried(map: &Plane<f32>, seen: &Plane<Seen>, left: &Gray) -> Vec<[Carried; 8]> {
+/// For each pixel that is not seen by both, in the order of the pixels: what comes from the four directions before it; and, in the opposite
+/// order, from those after it.
+fn carried(map: &Plane<f32>, seen: &Plane<Seen>, left: &Gray) -> [Vec<[Carried; 4]>; 2] {
     let scene = Scene { map, seen, left };
-    let (down, mut up) = rayon::join(|| pass::<false>(&scene), || pass::<true>(&scene));
-    up.reverse();
-    let both = down.iter().zip(&up);
-    both.map(|(d, u)| [d[0], d[1], d[2], d[3], u[0], u[1], u[2], u[3]])
-        .collect()
+    let (down, up) = rayon::join(|| pass::<false>(&scene), || pass::<true>(&scene));
+    [down, up]
 }
 
 struct Scene<'a> {
@@ -112,33 +110,42 @@ const LEAST_SUPPORT: [f32; 2] = [0.5, 0.7];
 pub(super) fn filled(raw: &Plane<f32>, seen: &Plane<Seen>, left: &Gray, fill: Fill) -> Plane<f32> {
     let near = |c: &Carried| 1.0 / (1.0 + c.way);
     let nearest = |c: &Carried| near(c) * near(c);
-    let mut map = raw.clone();
-    let mut unwanted = Vec::new();
-    let mut around = carried(raw, seen, left).into_iter();
-    for (i, &seen) in seen.samples().iter().enumerate() {
-        if seen == Seen::Both {
-            continue;
-        }
-        let Some(around) = around.next() else { break };
+    let of_pixel = |seen: Seen, around: [Carried; 8]| {
         let (d, least) = match seen {
             // What hides a place is often nearer than what it belongs to: here the way counts for less.
             Seen::Occluded => (quantile(around, HIDDEN_SHARE, near), LEAST_SUPPORT[0]),
             _ => (quantile(around, 0.5, nearest), LEAST_SUPPORT[1]),
         };
-        map.samples_mut()[i] = d;
         let keep = match fill {
             Fill::None => false,
             Fill::Likely => support(&around, d) >= least,
             Fill::All => true,
         };
-        if !keep {
-            unwanted.push(i);
-        }
+        (d, keep)
+    };
+    let gaps: Vec<u32> = (0u32..)
+        .zip(seen.samples())
+        .filter(|(_, seen)| **seen != Seen::Both)
+        .map(|(i, _)| i)
+        .collect();
+    let [down, up] = carried(raw, seen, left);
+    let both = down.par_iter().zip(up.par_iter().rev());
+    let filled: Vec<(f32, bool)> = (gaps.par_iter().zip(both))
+        .map(|(&i, (d, u))| {
+            let around = [d[0], d[1], d[2], d[3], u[0], u[1], u[2], u[3]];
+            of_pixel(seen.samples()[i as usize], around)
+        })
+        .collect();
+    let mut map = raw.clone();
+    for (&i, (d, _)) in gaps.iter().zip(&filled) {
+        map.samples_mut()[i as usize] = *d;
     }
     // The median sees what is filled even where it is not wanted, so that it is the same whatever is wanted.
     let mut map = median(&map);
-    for i in unwanted {
-        map.samples_mut()[i] = f32::NAN;
+    for (&i, (_, keep)) in gaps.iter().zip(&filled) {
+        if !keep {
+            map.samples_mut()[i as usize] = f32::NAN;
+        }
     }
     map
 }

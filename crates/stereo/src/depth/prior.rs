@@ -1,5 +1,6 @@
 //! What a small map of the pair says of each place: of patterns that repeat, the repeat that the neighbourhood as a whole chooses.
 
+use rayon::prelude::*;
 use vergence_imaging::{Gray, Plane};
 
 use super::{check, confidence, cost::Features, sweep};
@@ -55,18 +56,21 @@ impl Prior {
             }
         };
         let (width, height) = a.size();
-        let expected = Plane::from_fn(width, height, |x, y| {
-            let mut low = f32::INFINITY;
-            for y in y.saturating_sub(AROUND)..=(y + AROUND).min(height - 1) {
-                for x in x.saturating_sub(AROUND)..=(x + AROUND).min(width - 1) {
-                    low = low.min(known(x, y));
+        let mut expected = Plane::filled(width, height, 0u16);
+        let rows = expected.samples_mut().par_chunks_mut(width).enumerate();
+        rows.for_each(|(y, out)| {
+            for (x, out) in out.iter_mut().enumerate() {
+                let mut low = f32::INFINITY;
+                for y in y.saturating_sub(AROUND)..=(y + AROUND).min(height - 1) {
+                    for x in x.saturating_sub(AROUND)..=(x + AROUND).min(width - 1) {
+                        low = low.min(known(x, y));
+                    }
+                }
+                if low < f32::INFINITY {
+                    let index = f64::from(low - FREE_PX) * scale - f64::from(first);
+                    *out = index.floor().clamp(0.0, wanted as f64) as u16;
                 }
             }
-            if low == f32::INFINITY {
-                return 0;
-            }
-            let index = f64::from(low - FREE_PX) * scale - f64::from(first);
-            index.floor().clamp(0.0, wanted as f64) as u16
         });
         Some(Self { scale, expected })
     }

@@ -1,6 +1,6 @@
 //! Costs summed along eight paths (Hirschmüller 2008) in two sweeps that meet in the middle of the picture.
 
-use super::cost::{CostRow, Features};
+use super::cost::{CostRow, Costs, Features, LANES};
 use super::winner::{OutRow, Row as WinnerRow, Winners};
 
 /// Penalties for a change of disparity between neighbours, in units of the costs.
@@ -43,21 +43,61 @@ enum Way {
 /// Costs of one path at one pixel, with a sentinel at both ends so that neighbours need no test.
 const SENTINEL: u8 = u8::MAX;
 
-/// The paths' costs at the pixels of one row.
-struct Row {
-    /// Three paths (first diagonal, vertical, second diagonal), each `width` x (`count` + 2).
-    paths: [Vec<u8>; 3],
-    /// Their minima.
-    least: [Vec<u8>; 3],
+/// The costs of one path at the pixels of a row, counted along the sweep's way, and their minima. The next row is written where this one
+/// is no longer needed: from row to row a pixel moves down by as many slots (two, one or none for the path from behind, from before and from
+/// ahead) as it takes for what a pixel reads to lie one slot above what it writes. So only one row is held, and nearer caches hold it.
+struct Trail {
+    /// [`SPARE`] slots more than pixels, each `count` + 2.
+    costs: Vec<u8>,
+    least: Vec<u8>,
+    stride: usize,
+    /// Slot of the row's first pixel.
+    start: usize,
 }
 
-impl Row {
+/// As many slots as a row moves at most.
+const SPARE: usize = 2;
+
+impl Trail {
     fn new(width: usize, stride: usize) -> Self {
         Self {
-            paths: std::array::from_fn(|_| vec![SENTINEL; width * stride]),
-            least: std::array::from_fn(|_| vec![0; width]),
+            costs: vec![SENTINEL; (width + SPARE) * stride],
+            least: vec![0; width + SPARE],
+            stride,
+            start: 0,
         }
     }
+
+    fn next_row(&mut self, moves: usize) {
+        let slots = self.least.len();
+        self.start = (self.start + slots - moves) % slots;
+    }
+
+    /// What a pixel's predecessor left, with its minimum, and the slot of the pixel itself.
+    #[inline(always)]
+    fn at(&mut self, pixel: usize) -> (&[u8], u8, Slot<'_>) {
+        let (slots, stride) = (self.least.len(), self.stride);
+        let mut slot = self.start + pixel;
+        if slot >= slots {
+            slot -= slots;
+        }
+        let (above, old, new) = if slot + 1 < slots {
+            let (low, high) = self.costs.split_at_mut((slot + 1) * stride);
+            (slot + 1, &high[..stride], &mut low[slot * stride..])
+        } else {
+            let (low, high) = self.costs.split_at_mut(slot * stride);
+            (0, &low[..stride], &mut high[..stride])
+        };
+        let old_least = self.least[above];
+        let least = &mut self.least[slot];
+        (old, old_least, Slot { costs: new, least })
+    }
+}
+
+/// Where a pixel's costs go.
+struct Slot<'a> {
+    costs: &'a mut [u8],
+    least: &'a mut u8,
 }
 
 /// One sweep under way.
@@ -66,8 +106,8 @@ struct Sweep<'a> {
     features: &'a Features<'a>,
     penalties: &'a Penalties,
     costs: CostRow,
-    last: Row,
-    this: Row,
+    /// From behind, from before and from ahead in the last row.
+    trails: [Trail; 3],
     started: bool,
 }
 
@@ -87,8 +127,7 @@ impl<'a> Sweep<'a> {
             features,
             penalties,
             costs: CostRow::default(),
-            last: Row::new(features.width, stride),
-            this: Row::new(features.width, stride),
+            trails: std::array::from_fn(|_| Trail::new(features.width, stride)),
             started: false,
         }
     }
@@ -108,28 +147,30 @@ impl<'a> Sweep<'a> {
             penalties: self.penalties,
             count: self.features.count,
         };
-        let (last, this) = (&self.last, &mut self.this);
+        for (moves, trail) in [2, 1, 0].into_iter().zip(&mut self.trails) {
+            trail.next_row(moves);
+        }
+        let trails = &mut self.trails;
         match (self.way, sums) {
             (Way::Down, Sums::Kept(kept)) => {
-                row::<false, true>(&scene, last, this, kept, &mut []);
+                row::<false, true>(&scene, trails, kept, &mut []);
             }
             (Way::Up, Sums::Kept(kept)) => {
-                row::<false, false>(&scene, last, this, kept, &mut []);
+                row::<false, false>(&scene, trails, kept, &mut []);
             }
             (Way::Down, Sums::Added(kept, sums)) => {
-                row::<true, true>(&scene, last, this, kept, sums);
+                row::<true, true>(&scene, trails, kept, sums);
             }
             (Way::Up, Sums::Added(kept, sums)) => {
-                row::<true, false>(&scene, last, this, kept, sums);
+                row::<true, false>(&scene, trails, kept, sums);
             }
         }
-        std::mem::swap(&mut self.last, &mut self.this);
         self.started = true;
     }
 }
 
 struct Scene<'a> {
-    costs: &'a [u8],
+    costs: Costs<'a>,
     grays: &'a [u8],
     before: Option<&'a [u8]>,
     penalties: &'a Penalties,
@@ -139,22 +180,23 @@ struct Scene<'a> {
 /// One path's costs at the pixel before, their minimum, and the penalty of a jump from there.
 type Before<'a> = (&'a [u8], u8, u8);
 
+/// One row of a sweep. Half the sum of all four paths is kept, or, with `ADD`, the sum and twice what is kept written into `sums`.
 fn row<const ADD: bool, const FORWARD: bool>(
     scene: &Scene<'_>,
-    last: &Row,
-    this: &mut Row,
+    trails: &mut [Trail; 3],
     kept: &mut [u8],
     sums: &mut [u16],
 ) {
-    let count = scene.count;
+    let (count, width) = (scene.count, scene.grays.len());
     let stride = count + 2;
-    let width = scene.grays.len();
     let start = vec![0u8; stride];
     let mut along = [vec![SENTINEL; stride], vec![SENTINEL; stride]];
     let mut along_least = 0;
+    let mut cost = vec![0u8; count];
     let large = &scene.penalties.large;
-    for step_x in 0..width {
-        let x = if FORWARD { step_x } else { width - 1 - step_x };
+    let [behind_trail, before_trail, ahead_trail] = trails;
+    for pixel in 0..width {
+        let x = if FORWARD { pixel } else { width - 1 - pixel };
         let (behind, ahead) = if FORWARD {
             (x.wrapping_sub(1), x + 1)
         } else {
@@ -162,31 +204,34 @@ fn row<const ADD: bool, const FORWARD: bool>(
         };
         let gray = scene.grays[x];
         let penalty = |other: u8| large[usize::from(gray.abs_diff(other))];
-        let from = |path: usize, place: usize| -> Before<'_> {
+        let known = |place: usize, old, least| -> Before<'_> {
             match scene.before {
-                Some(before) if place < width => (
-                    &last.paths[path][place * stride..(place + 1) * stride],
-                    last.least[path][place],
-                    penalty(before[place]),
-                ),
+                Some(before) if place < width => (old, least, penalty(before[place])),
                 _ => (&start[..], 0, 0),
             }
         };
         let [old, new] = &mut along;
-        let first: Before<'_> = match step_x {
+        let first: Before<'_> = match pixel {
             0 => (&start[..], 0, 0),
             _ => (&old[..], along_least, penalty(scene.grays[behind])),
         };
-        let slot = x * stride..(x + 1) * stride;
-        let [a, b, c] = &mut this.paths;
+        let (a_old, a_least, a) = behind_trail.at(pixel);
+        let (b_old, b_least, b) = before_trail.at(pixel);
+        let (c_old, c_least, c) = ahead_trail.at(pixel);
         let least = step::<ADD>(
-            &scene.costs[x * count..(x + 1) * count],
+            (&scene.costs, x),
+            &mut cost,
             scene.penalties.small,
-            [first, from(0, behind), from(1, x), from(2, ahead)],
+            [
+                first,
+                known(behind, a_old, a_least),
+                known(x, b_old, b_least),
+                known(ahead, c_old, c_least),
+            ],
             new,
-            &mut a[slot.clone()],
-            &mut b[slot.clone()],
-            &mut c[slot],
+            a.costs,
+            b.costs,
+            c.costs,
             &mut kept[x * count..(x + 1) * count],
             if ADD {
                 &mut sums[x * count..(x + 1) * count]
@@ -194,23 +239,25 @@ fn row<const ADD: bool, const FORWARD: bool>(
                 &mut []
             },
         );
-        along_least = least[0];
-        for (path, least) in least[1..].iter().enumerate() {
-            this.least[path][x] = *least;
-        }
+        [along_least, *a.least, *b.least, *c.least] = least;
         std::mem::swap(old, new);
     }
 }
 
-/// One step of four paths. Their new costs have a place before and after for the sentinels. Half the sum of all four is kept, or, with
-/// `ADD`, the sum and twice what is kept written into `sum`. Gives the paths' minima.
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
+/// One step of four paths, at a pixel whose costs are computed into `cost`. The paths' new costs have a place before and after for the
+/// sentinels. Gives the paths' minima.
+#[multiversion::multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512vl+avx512vpopcntdq+popcnt",
+    "x86_64+avx2+popcnt",
+    "x86_64+popcnt"
+))]
 #[allow(
     clippy::too_many_arguments,
     reason = "slices that are arguments of their own are known not to overlap"
 )]
 fn step<const ADD: bool>(
-    cost: &[u8],
+    (costs, x): (&Costs<'_>, usize),
+    cost: &mut [u8],
     small: u8,
     before: [Before<'_>; 4],
     new_a: &mut [u8],
@@ -220,6 +267,8 @@ fn step<const ADD: bool>(
     kept: &mut [u8],
     sum: &mut [u16],
 ) -> [u8; 4] {
+    costs.at(x, cost);
+    let cost = &*cost;
     let inner = 1..=cost.len();
     let least = [
         path(cost, small, before[0], &mut new_a[inner.clone()]),
@@ -227,40 +276,99 @@ fn step<const ADD: bool>(
         path(cost, small, before[2], &mut new_c[inner.clone()]),
         path(cost, small, before[3], &mut new_d[inner.clone()]),
     ];
-    let pairs = (new_a[inner.clone()].iter().zip(&new_b[inner.clone()]))
-        .zip(new_c[inner.clone()].iter().zip(&new_d[inner]));
-    // Two paths fit a byte.
-    let four = |((&a, &b), (&c, &d)): ((&u8, &u8), (&u8, &u8))| {
-        u16::from(a.wrapping_add(b)) + u16::from(c.wrapping_add(d))
-    };
-    if ADD {
-        for ((sum, &kept), paths) in sum.iter_mut().zip(&*kept).zip(pairs) {
-            *sum = four(paths) + 2 * u16::from(kept);
-        }
-    } else {
-        for (kept, paths) in kept.iter_mut().zip(pairs) {
-            *kept = (four(paths) >> 1) as u8;
-        }
+    let paths = [
+        &new_a[inner.clone()],
+        &new_b[inner.clone()],
+        &new_c[inner.clone()],
+        &new_d[inner],
+    ];
+    let mut from = 0;
+    while from + WIDE <= cost.len() {
+        add_up::<ADD, WIDE>(from, paths, kept, sum);
+        from += WIDE;
+    }
+    if from < cost.len() {
+        add_up::<ADD, LANES>(from, paths, kept, sum);
     }
     least
 }
 
-/// One step of one path (Hirschmüller 2008, Eq. 13):
-/// `new(k) = cost(k) + min(old(k), old(k -+ 1) + small, least + large) - least`. `old` has a sentinel before and after.
+/// Loops go over so many disparities at a time, and over [`LANES`] of a rest: lengths that are known become vectors without remainders.
+const WIDE: usize = 2 * LANES;
+
+/// `N` places of a slice from `from` on.
 #[inline(always)]
-fn path(cost: &[u8], small: u8, (old, least, large): Before<'_>, new: &mut [u8]) -> u8 {
-    let count = cost.len();
-    let (lower, same, upper) = (&old[..count], &old[1..=count], &old[2..count + 2]);
-    let new = &mut new[..count];
+fn block<T, const N: usize>(slice: &[T], from: usize) -> &[T; N] {
+    slice[from..].first_chunk().expect("a whole block")
+}
+
+#[inline(always)]
+fn block_mut<T, const N: usize>(slice: &mut [T], from: usize) -> &mut [T; N] {
+    slice[from..].first_chunk_mut().expect("a whole block")
+}
+
+/// The sums of all four paths at `N` disparities.
+#[inline(always)]
+fn add_up<const ADD: bool, const N: usize>(
+    from: usize,
+    [a, b, c, d]: [&[u8]; 4],
+    kept: &mut [u8],
+    sum: &mut [u16],
+) {
+    let (a, b): (&[u8; N], &[u8; N]) = (block(a, from), block(b, from));
+    let (c, d): (&[u8; N], &[u8; N]) = (block(c, from), block(d, from));
+    let kept: &mut [u8; N] = block_mut(kept, from);
+    // Two paths fit a byte.
+    let four = |i: usize| u16::from(a[i].wrapping_add(b[i])) + u16::from(c[i].wrapping_add(d[i]));
+    if ADD {
+        let sum: &mut [u16; N] = block_mut(sum, from);
+        for i in 0..N {
+            sum[i] = four(i) + 2 * u16::from(kept[i]);
+        }
+    } else {
+        for i in 0..N {
+            kept[i] = (four(i) >> 1) as u8;
+        }
+    }
+}
+
+/// One step of one path (Hirschmüller 2008, Eq. 13):
+/// `new(k) = cost(k) + min(old(k), old(k -+ 1) + small, least + large) - least`. `old` has a sentinel before and after. Gives the minimum.
+#[inline(always)]
+fn path(cost: &[u8], small: u8, before: Before<'_>, new: &mut [u8]) -> u8 {
+    let mut minimum = [u8::MAX; WIDE];
+    let mut from = 0;
+    while from + WIDE <= cost.len() {
+        path_block::<WIDE>(from, cost, small, before, new, &mut minimum);
+        from += WIDE;
+    }
+    if from < cost.len() {
+        let minimum: &mut [u8; LANES] = block_mut(&mut minimum, 0);
+        path_block::<LANES>(from, cost, small, before, new, minimum);
+    }
+    minimum.iter().fold(u8::MAX, |a, &b| a.min(b))
+}
+
+#[inline(always)]
+fn path_block<const N: usize>(
+    from: usize,
+    cost: &[u8],
+    small: u8,
+    (old, least, large): Before<'_>,
+    new: &mut [u8],
+    minimum: &mut [u8; N],
+) {
+    let cost: &[u8; N] = block(cost, from);
+    let (lower, upper): (&[u8; N], &[u8; N]) = (block(old, from), block(old, from + 2));
+    let same: &[u8; N] = block(old, from + 1);
+    let new: &mut [u8; N] = block_mut(new, from);
     let jump = least + large;
-    let mut minimum = u8::MAX;
-    for k in 0..count {
+    for k in 0..N {
         let beside = lower[k].min(upper[k]).saturating_add(small);
         let path = cost[k].wrapping_add(same[k].min(beside).min(jump).wrapping_sub(least));
         new[k] = path;
-        minimum = minimum.min(path);
+        minimum[k] = minimum[k].min(path);
     }
-    minimum
 }
 
 /// The winners of the sums over all eight paths. Both sweeps run to the middle, keep their sums, and go on over the rows that the
@@ -347,9 +455,11 @@ mod tests {
             features.count,
         );
         let mut row = CostRow::default();
-        let costs: Vec<u8> = (0..features.height)
-            .flat_map(|y| row.of(features, y).to_vec())
-            .collect();
+        let mut costs = vec![0; features.width * features.height * features.count];
+        for (i, costs) in costs.chunks_exact_mut(count).enumerate() {
+            let of_row = row.of(features, i / features.width);
+            of_row.at(i % features.width, costs);
+        }
         let of_way = |ways: [(i64, i64); 4]| {
             let mut sums = vec![0u16; costs.len()];
             for (dx, dy) in ways {

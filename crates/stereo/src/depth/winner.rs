@@ -46,6 +46,12 @@ impl Winners {
     }
 }
 
+/// Least sums and their indices.
+struct Best {
+    sums: Vec<u16>,
+    indices: Vec<u16>,
+}
+
 /// Finds the winners of rows; keeps its buffers.
 pub(super) struct Row {
     width: usize,
@@ -53,7 +59,7 @@ pub(super) struct Row {
     count: usize,
     wanted: usize,
     /// Least sum and its index at each right pixel, backwards as the costs see them.
-    best: Vec<u32>,
+    best: Best,
 }
 
 impl Row {
@@ -63,7 +69,10 @@ impl Row {
             first: features.first,
             count: features.count,
             wanted: features.wanted,
-            best: vec![0; features.width + features.count],
+            best: Best {
+                sums: vec![0; features.width + features.count],
+                indices: vec![0; features.width + features.count],
+            },
         }
     }
 
@@ -74,23 +83,20 @@ impl Row {
                 sums[self.wanted..].fill(u16::MAX);
             }
         }
-        let sums = &*sums;
         let (width, count, first) = (self.width, self.count, self.first as f32);
-        self.best.fill(u32::MAX);
+        self.best.sums.fill(u16::MAX);
         let counts = [count, self.wanted];
         row_winners(sums, counts, first, &mut self.best, out.left, out.margin);
+        let sums = &*sums;
         // Place j of `best` is right column width - 1 - first - j.
         for (xr, out) in out.right.iter_mut().enumerate() {
             let j = width as i64 - 1 - i64::from(self.first) - xr as i64;
-            let key = match usize::try_from(j) {
-                Ok(j) if j < self.best.len() => self.best[j],
-                _ => u32::MAX,
-            };
-            if key >> 16 == u32::from(u16::MAX) {
+            let j = usize::try_from(j).unwrap_or(usize::MAX);
+            if self.best.sums.get(j).is_none_or(|&s| s == u16::MAX) {
                 *out = f32::NAN;
                 continue;
             }
-            let k = (key & 0xffff) as i64;
+            let k = i64::from(self.best.indices[j]);
             let at = |k: i64| {
                 let x = xr as i64 + i64::from(self.first) + k;
                 ((0..self.wanted as i64).contains(&k) && (0..width as i64).contains(&x))
@@ -107,28 +113,22 @@ impl Row {
 
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
 fn row_winners(
-    sums: &[u16],
+    sums: &mut [u16],
     [count, wanted]: [usize; 2],
     first: f32,
-    best: &mut [u32],
+    best: &mut Best,
     left: &mut [f32],
     margin: &mut [f32],
 ) {
     let width = left.len();
-    for (x, sums) in sums.chunks_exact(count).enumerate() {
+    for (x, sums) in sums.chunks_exact_mut(count).enumerate() {
         let (least, k) = least_of(sums);
-        let start = width - 1 - x;
-        let there = &mut best[start..start + count];
-        for (i, (b, &s)) in there.iter_mut().zip(sums).enumerate() {
-            *b = (*b).min(u32::from(s) << 16 | i as u32);
-        }
-        let mut second = u16::MAX;
-        let upto = k.saturating_sub(1);
-        for &s in &sums[..upto] {
-            second = second.min(s);
-        }
-        for &s in &sums[(k + 2).min(wanted)..wanted] {
-            second = second.min(s);
+        let there = width - 1 - x..width - 1 - x + count;
+        // Later pixels reach a place with larger indices: of equal sums the first stays.
+        let places = (best.sums[there.clone()].iter_mut()).zip(&mut best.indices[there]);
+        for (i, ((sum, index), &s)) in places.zip(&*sums).enumerate() {
+            *index = if s < *sum { i as u16 } else { *index };
+            *sum = s.min(*sum);
         }
         let step = if k == 0 || k + 1 == wanted {
             0.0
@@ -140,6 +140,14 @@ fn row_winners(
             )
         };
         left[x] = first + k as f32 + step;
+        // The least of the others: the winner and its neighbours stand aside for a moment.
+        let near = k.saturating_sub(1)..(k + 2).min(count);
+        let mut aside = [0; 3];
+        let aside = &mut aside[..near.len()];
+        aside.copy_from_slice(&sums[near.clone()]);
+        sums[near.clone()].fill(u16::MAX);
+        let second = sums.iter().fold(u16::MAX, |a, &b| a.min(b));
+        sums[near].copy_from_slice(aside);
         let (a, b) = (f32::from(least), f32::from(second));
         margin[x] = (b - a) / (b + a + 1.0);
     }

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use vergence_imaging::Rgb;
+use vergence_imaging::files::shown_from_bytes;
 
 /// A recorded pair with its name.
 pub(crate) struct RealPair {
@@ -79,16 +80,14 @@ pub(crate) fn photographs(data: &Path) -> Vec<RealPair> {
 }
 
 pub(crate) fn read(bytes: &[u8]) -> Rgb {
-    let picture = image::load_from_memory(bytes).unwrap().to_rgb8();
-    let (width, height) = picture.dimensions();
-    let samples = picture.pixels().map(|p| p.0).collect();
-    Rgb::from_samples(width as usize, height as usize, samples)
+    let shown = shown_from_bytes(bytes, Path::new("a recorded picture"));
+    shown.unwrap().picture
 }
 
 /// The second picture of a multi-picture file: the start of image nearest the file's middle that decodes to the first one's size.
 fn second_jpeg(bytes: &[u8]) -> usize {
     let size =
-        |from: usize| image::load_from_memory(&bytes[from..]).map(|p| (p.width(), p.height()));
+        |from: usize| shown_from_bytes(&bytes[from..], Path::new("")).map(|p| p.picture.size());
     let first = size(0).unwrap();
     let middle = bytes.len() / 2;
     let mut starts: Vec<usize> = (2..bytes.len() - 4)

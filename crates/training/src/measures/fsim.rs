@@ -1,6 +1,6 @@
 //! Feature similarity (Zhang, Zhang, Mou and Zhang 2011): phase congruency and gradients.
 
-use rustfft::num_complex::Complex;
+use vergence_fft::Complex32;
 
 use crate::field::{Field, Spectrum, shrunk};
 
@@ -109,7 +109,7 @@ impl Bank {
         let mut energy_above = vec![0.0f32; n];
         let mut amplitudes = vec![NOTHING; n];
         for scales in self.gains.chunks(SCALES) {
-            let mut sum = vec![Complex::<f32>::default(); n];
+            let mut sum = vec![Complex32::default(); n];
             let mut noise = 0.0;
             for (scale, gains) in scales.iter().enumerate() {
                 let mut response = spectrum.clone();
@@ -157,7 +157,7 @@ fn log_gabor(spectrum: &Spectrum, scale: usize, angle: f64) -> Vec<f32> {
 }
 
 /// Energy that noise alone would rarely exceed, from the responses at the finest scale.
-fn noise_energy(finest: &[Complex<f32>]) -> f64 {
+fn noise_energy(finest: &[Complex32]) -> f64 {
     let mut amplitudes: Vec<f32> = finest.iter().map(|r| r.norm()).collect();
     let middle = amplitudes.len() / 2;
     let (_, median, _) = amplitudes.select_nth_unstable_by(middle, f32::total_cmp);

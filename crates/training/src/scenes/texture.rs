@@ -1,6 +1,6 @@
 //! Surfaces: noise whose spectrum falls as a power of frequency, and stripes.
 
-use rustfft::num_complex::Complex;
+use vergence_fft::Complex32;
 
 use crate::field::{Field, Spectrum, deviation, mean};
 use crate::random::Random;
@@ -19,7 +19,7 @@ pub(super) fn noise_tile(slope: f64, cubes: f64, stretch: f64, random: &mut Rand
         for x in 0..TILE {
             let f = (spectrum.frequency_x(x) * stretch).hypot(fy);
             let gain = if f > 0.0 { f.powf(-slope) } else { 0.0 };
-            let sample: &mut Complex<f32> = &mut spectrum.samples[y * TILE + x];
+            let sample: &mut Complex32 = &mut spectrum.samples[y * TILE + x];
             *sample *= gain as f32;
         }
     }

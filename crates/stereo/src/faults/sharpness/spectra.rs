@@ -1,7 +1,8 @@
 //! Mean power spectra of patches at corresponding places.
 
+use vergence_fft::Complex32;
+use vergence_fft::single::Fft2;
 use vergence_imaging::Gray;
-use vergence_imaging::fft::{Complex32, Fft2};
 
 use super::{BINS, FIRST_BIN, SIDE};
 use crate::dense::DisparityMap;

@@ -25,9 +25,6 @@ const LEAST_GAIN: f64 = 1.7;
 
 /// Runs both sides and prints the table; an error when python3 or OpenCV is missing.
 pub(crate) fn run() -> anyhow::Result<()> {
-    if cfg!(debug_assertions) {
-        return run_again();
-    }
     println!("dense disparity, best of rounds, milliseconds (million disparities a second)");
     println!(
         "       size  disparities      one thread     two threads   gain  bytes/cell     OpenCV HH, 1 thread  SGBM_3WAY, 1 thread  ratio to HH  to 3WAY"
@@ -90,18 +87,6 @@ pub(crate) fn run() -> anyhow::Result<()> {
     println!(
         "OpenCV {version}. Goals: ratio to HH at least 1, to SGBM_3WAY too if it can be; gain at least {LEAST_GAIN} on two threads."
     );
-    Ok(())
-}
-
-/// `cargo xtask` is a debug build, whose times mean nothing: the same again, optimised.
-fn run_again() -> anyhow::Result<()> {
-    let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
-    let status = Command::new(cargo)
-        .args(["run", "--release", "--package", "xtask", "--"])
-        .args(["bench-vs", "depth"])
-        .status()
-        .context("cargo could not be started for the optimised build")?;
-    ensure!(status.success(), "the optimised benchmark failed");
     Ok(())
 }
 

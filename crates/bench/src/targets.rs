@@ -33,9 +33,6 @@ type Corners = BTreeMap<String, Vec<(usize, [f64; 2])>>;
 
 /// Runs both sides and prints the table.
 pub(crate) fn run() -> anyhow::Result<()> {
-    if cfg!(debug_assertions) {
-        return run_again();
-    }
     let folder = data()?;
     let peer = peer(&folder)?;
     println!(
@@ -70,28 +67,10 @@ pub(crate) fn run() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// `cargo xtask` is a debug build, whose times mean nothing: the same again, optimised.
-fn run_again() -> anyhow::Result<()> {
-    let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
-    let status = Command::new(cargo)
-        .args([
-            "run",
-            "--release",
-            "--package",
-            "xtask",
-            "--",
-            "bench-vs",
-            "targets",
-        ])
-        .status()
-        .context("cargo could not be started for the optimised build")?;
-    ensure!(status.success(), "the optimised benchmark failed");
-    Ok(())
-}
-
-fn data() -> anyhow::Result<PathBuf> {
+/// The folder of calibration pictures.
+pub(crate) fn data() -> anyhow::Result<PathBuf> {
     let data = std::env::var_os("VERGENCE_TEST_DATA").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"),
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared"),
         PathBuf::from,
     );
     let folder = data.join("stereo/calib");

@@ -32,9 +32,6 @@ const MAPS_GOAL_S: f64 = 0.004;
 
 /// Runs both sides and prints the tables; an error when they differ, or when python3 or OpenCV is missing.
 pub(crate) fn run() -> anyhow::Result<()> {
-    if cfg!(debug_assertions) {
-        return run_again();
-    }
     let folder = Folder::new()?;
     let (rectifier, poses) = moving_rig()?;
     let made = rectifier.at(&poses[0])?;
@@ -80,18 +77,6 @@ pub(crate) fn run() -> anyhow::Result<()> {
         verdict(ours[bilinear] <= peer.times[bilinear]),
         verdict(maps_s <= MAPS_GOAL_S),
     );
-    Ok(())
-}
-
-/// `cargo xtask` is a debug build, whose times mean nothing: the same again, optimised.
-fn run_again() -> anyhow::Result<()> {
-    let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
-    let status = Command::new(cargo)
-        .args(["run", "--release", "--package", "xtask", "--"])
-        .args(["bench-vs", "remap"])
-        .status()
-        .context("cargo could not be started for the optimised build")?;
-    ensure!(status.success(), "the optimised benchmark failed");
     Ok(())
 }
 

@@ -21,16 +21,18 @@ const MEASURE: Duration = Duration::from_millis(600);
 const BYTES_PER_POINT: f64 = 40.0;
 /// Each side is measured this often, in turn, and its best counts, so that a neighbour's noise hits both alike.
 const ROUNDS: usize = 3;
-/// NumPy asks the system for large pages by itself; this lets the C library do so for the Rust side too.
-const HUGE_PAGES: (&str, &str) = ("GLIBC_TUNABLES", "glibc.malloc.hugetlb=1");
+/// With it the C library asks the system for large pages, as NumPy does by itself.
+const HUGE_PAGES: &str = "GLIBC_TUNABLES";
 /// Ratio to reach.
 const TARGET: f64 = 5.0;
 
 /// Runs both sides and prints the table; an error when they differ, or when python3 or NumPy is missing.
 pub(crate) fn run() -> anyhow::Result<()> {
-    if cfg!(debug_assertions) || std::env::var_os(HUGE_PAGES.0).is_none() {
-        return run_again();
-    }
+    ensure!(
+        std::env::var_os(HUGE_PAGES).is_some(),
+        "NumPy asks the system for large pages by itself; {HUGE_PAGES} lets the C library do so for this side too: start it by \
+         `cargo xtask bench-vs numpy`"
+    );
     let array = StereoArray {
         mode: ModeKind::Converged.at(2.0),
         ..StereoArray::default()
@@ -77,26 +79,6 @@ pub(crate) fn run() -> anyhow::Result<()> {
     println!(
         "smallest ratio {worst:.1}; the target of {TARGET} is {verdict}. Both sides agree to 1e-15 m."
     );
-    Ok(())
-}
-
-/// `cargo xtask` is a debug build, whose times mean nothing: the same again, optimised, with large pages.
-fn run_again() -> anyhow::Result<()> {
-    let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
-    let status = Command::new(cargo)
-        .args([
-            "run",
-            "--release",
-            "--package",
-            "xtask",
-            "--",
-            "bench-vs",
-            "numpy",
-        ])
-        .env(HUGE_PAGES.0, HUGE_PAGES.1)
-        .status()
-        .context("cargo could not be started for the optimised build")?;
-    ensure!(status.success(), "the optimised benchmark failed");
     Ok(())
 }
 

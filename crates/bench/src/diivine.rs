@@ -10,7 +10,8 @@ use std::process::Command;
 use std::time::Instant;
 
 use anyhow::{Context, bail, ensure};
-use vergence_imaging::fft64::{Complex64, ComplexFft2};
+use vergence_fft::Complex64;
+use vergence_fft::double::ComplexFft2;
 use vergence_imaging::{Gray, Plane};
 use vergence_quality::{FEATURE_NAMES, Features, features_from_gray};
 
@@ -35,9 +36,6 @@ const ROUNDS: usize = 5;
 
 /// Runs all sides and prints the table; an error when they differ, or when python3, NumPy or SciPy is missing.
 pub(crate) fn run() -> anyhow::Result<()> {
-    if cfg!(debug_assertions) {
-        return run_again();
-    }
     println!("DIIVINE's 88 features, best of rounds, milliseconds");
     println!(
         "       size  1 complex FFT  first call  one thread  in FFTs  two threads   gain  numbers/pixel  NumPy+SciPy  ratio"
@@ -80,18 +78,6 @@ pub(crate) fn run() -> anyhow::Result<()> {
         }
     }
     println!("{goals}. Both sides agree within the tolerances of the reference data.");
-    Ok(())
-}
-
-/// `cargo xtask` is a debug build, whose times mean nothing: the same again, optimised.
-fn run_again() -> anyhow::Result<()> {
-    let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
-    let status = Command::new(cargo)
-        .args(["run", "--release", "--package", "xtask", "--"])
-        .args(["bench-vs", "diivine"])
-        .status()
-        .context("cargo could not be started for the optimised build")?;
-    ensure!(status.success(), "the optimised benchmark failed");
     Ok(())
 }
 
