@@ -15,4 +15,4 @@ pub use error::CaptureError;
 pub use files::{FilesConfig, FilesSource, Frames, OnFault, TimedFrame};
 pub use pairing::{Paired, Pairer, PairingCounts, PairingLimits};
 pub use source::{Frame, Source, SourceInfo, StereoFrame};
-pub use twin::{TwinConfig, TwinSource, TwinTruth};
+pub use twin::{Knock, TwinConfig, TwinSource, TwinTruth};

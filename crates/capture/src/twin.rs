@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Point2, Point3};
+use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use vergence_control::{HeadConfig, SimulatedHead};
 use vergence_geometry::{Eye, HeadAngles, HeadGeometry};
@@ -22,6 +22,9 @@ const FPS: std::ops::RangeInclusive<f64> = 1.0..=1000.0;
 
 /// How long the twin runs in an empty room when no time is set, s.
 const EMPTY_ROOM_S: f64 = 10.0;
+
+/// A camera that is knocked further looks elsewhere.
+const MOST_KNOCK_RAD: f64 = 0.35;
 
 /// Longest run, s: one day.
 const MAX_SECONDS: f64 = 86_400.0;
@@ -54,6 +57,45 @@ pub struct TwinConfig {
     pub geometry: HeadGeometry,
     /// Motors of the head.
     pub head: HeadConfig,
+    /// A knock that turns the right camera on its mount in mid-run; nobody is told.
+    pub knock: Knock,
+}
+
+/// Something hits the right camera: from a time on it is turned against its mount.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Knock {
+    /// When, s.
+    pub time_s: f64,
+    /// How much higher it looks, rad.
+    pub pitch_rad: f64,
+    /// How much further right it looks, rad.
+    pub yaw_rad: f64,
+    /// How much it is rolled clockwise, as seen from behind, rad.
+    pub roll_rad: f64,
+}
+
+impl Default for Knock {
+    /// Nothing happens (after 5 s).
+    fn default() -> Self {
+        Self {
+            time_s: 5.0,
+            pitch_rad: 0.0,
+            yaw_rad: 0.0,
+            roll_rad: 0.0,
+        }
+    }
+}
+
+impl Knock {
+    /// `cam_from_base` of a camera after the knock, if it is the right one and the time has come.
+    fn applied(&self, eye: Eye, time_s: f64, cam_from_base: Isometry3<f64>) -> Isometry3<f64> {
+        let turn = Vector3::new(self.pitch_rad, self.yaw_rad, self.roll_rad);
+        if eye == Eye::Left || time_s < self.time_s || turn == Vector3::zeros() {
+            return cam_from_base;
+        }
+        UnitQuaternion::from_scaled_axis(turn).inverse() * cam_from_base
+    }
 }
 
 impl Default for TwinConfig {
@@ -76,6 +118,7 @@ impl Default for TwinConfig {
                 pupil_m: 0.0,
             },
             head: HeadConfig::default(),
+            knock: Knock::default(),
         }
     }
 }
@@ -241,6 +284,7 @@ impl TwinSource {
         Ok(Motion {
             head: &self.head,
             geometry: &self.config.geometry,
+            knock: &self.config.knock,
             at_mid,
         })
     }
@@ -286,7 +330,9 @@ impl TwinSource {
         let mean_s = (capture_s[0] + capture_s[1]) / 2.0;
         let cam_from_base = [0, 1].map(|i| {
             let geometry = &self.config.geometry;
-            geometry.cam_from_base(Eye::BOTH[i], &motion.at_mid[i])
+            let eye = Eye::BOTH[i];
+            let cam_from_base = geometry.cam_from_base(eye, &motion.at_mid[i]);
+            self.config.knock.applied(eye, capture_s[i], cam_from_base)
         });
         let target_in_base = capture_s.map(|t| self.world.target_reference_in_base(t));
         let in_cam = [0, 1].map(|i| target_in_base[i].map(|p| cam_from_base[i] * p));
@@ -325,6 +371,7 @@ impl TwinSource {
         let motion = Motion {
             head: &head,
             geometry: &self.config.geometry,
+            knock: &self.config.knock,
             at_mid: truth.angles,
         };
         let shot = Shot {
@@ -376,6 +423,7 @@ impl Source for TwinSource {
 struct Motion<'a> {
     head: &'a SimulatedHead,
     geometry: &'a HeadGeometry,
+    knock: &'a Knock,
     at_mid: [HeadAngles; 2],
 }
 
@@ -387,18 +435,36 @@ impl Motion<'_> {
             .head
             .true_angles(time_s.max(0.0))
             .unwrap_or(self.at_mid[eye as usize]);
-        self.geometry.cam_from_base(eye, &angles)
+        let cam_from_base = self.geometry.cam_from_base(eye, &angles);
+        self.knock.applied(eye, time_s, cam_from_base)
     }
 }
 
+fn refuse<T>(name: &'static str, value: f64, right: &'static str) -> Result<T, CaptureError> {
+    Err(CaptureError::Setting {
+        name,
+        value: value.to_string(),
+        right,
+    })
+}
+
+fn check_knock(knock: &Knock) -> Result<(), CaptureError> {
+    for (name, value) in [
+        ("knock.pitch_rad", knock.pitch_rad),
+        ("knock.yaw_rad", knock.yaw_rad),
+        ("knock.roll_rad", knock.roll_rad),
+    ] {
+        if !(-MOST_KNOCK_RAD..=MOST_KNOCK_RAD).contains(&value) {
+            return refuse(name, value, "it must lie within 0.35 rad (20 degrees)");
+        }
+    }
+    if !knock.time_s.is_finite() {
+        return refuse("knock.time_s", knock.time_s, "it must be finite");
+    }
+    Ok(())
+}
+
 fn check(config: &TwinConfig) -> Result<(), CaptureError> {
-    let refuse = |name, value: f64, right| {
-        Err(CaptureError::Setting {
-            name,
-            value: value.to_string(),
-            right,
-        })
-    };
     if !FPS.contains(&config.fps) {
         return refuse(
             "fps",
@@ -437,6 +503,7 @@ fn check(config: &TwinConfig) -> Result<(), CaptureError> {
             );
         }
     }
+    check_knock(&config.knock)?;
     if !(0.0..=1.0).contains(&config.drop_probability) {
         return refuse(
             "drop_probability",

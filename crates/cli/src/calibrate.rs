@@ -2,6 +2,7 @@
 
 mod answer;
 mod figures;
+mod films;
 pub(crate) mod lists;
 mod look;
 mod motors;
@@ -11,10 +12,10 @@ mod twin;
 use std::path::{Path, PathBuf};
 
 use vergence_calib::solve::{
-    Calibration, LensModel, MotorState, Settings, Shot, calibrate_fixed, calibrate_head,
+    Calibration, LensModel, MotorState, Settings, Shot, calibrate_fixed, calibrate_head, orient,
 };
 use vergence_calib::{
-    CameraFile, CameraPose, CameraSet, MachineCalibration, RigCalibration, Target,
+    CameraFile, CameraPose, CameraSet, LengthUnit, MachineCalibration, RigCalibration, Target,
 };
 use vergence_capture::TwinConfig;
 
@@ -44,8 +45,10 @@ Examples:
   vergence calibrate --target charuco:7x5:40mm:30mm:DICT_5X5_100 --camera pictures/ --out camera.toml
   vergence calibrate --target aprilgrid:6x6:88mm:0.3 --camera a=cam0/ --camera b=cam1/ --camera c=cam2/ --format json
   vergence calibrate --target chessboard:9x6:25mm --left l/ --right r/ --motors motors.csv --out machine.toml
+  vergence calibrate --target charuco:7x5:40mm:30mm:DICT_5X5_100 --left left.mp4 --right right.mp4 --out rig.toml
   vergence calibrate --twin --target chessboard:11x8:30mm --out machine.toml     the simulated rig
 
+Of films (or URLs that ffmpeg reads) frames are taken where the board is held still at a new place.
 Boards: chessboard:COLUMNSxROWS:SQUARE (inner corners), charuco:COLUMNSxROWS:SQUARE:MARKER:DICTIONARY[:legacy][:inverted] (squares), \
 aprilgrid:COLUMNSxROWS:TAG:SPACING, or Kalibr's target file. Pictures of several cameras belong together by the number in their names, else by their order.
 --motors is a table with the columns left, right (file names), place (which stand of the board), pan_steps, tilt_steps, left_steps, right_steps and, \
@@ -109,13 +112,13 @@ pub(crate) struct CalibrateArgs {
     /// The board, as below or a file of Kalibr.
     #[arg(long, value_name = "BOARD", required_unless_present = "print")]
     target: Option<String>,
-    /// The left camera's pictures, or a folder of them.
+    /// The left camera's pictures, a folder of them, or a film.
     #[arg(long, value_name = "FILES", num_args = 1.., requires = "right", help_heading = "Pictures")]
     left: Vec<PathBuf>,
     /// The right camera's.
     #[arg(long, value_name = "FILES", num_args = 1.., requires = "left", help_heading = "Pictures")]
     right: Vec<PathBuf>,
-    /// A camera's pictures: a folder or a file, NAME=FOLDER for several cameras; may be repeated.
+    /// A camera's pictures: a folder, a file or a film, NAME=FOLDER for several cameras; may be repeated.
     #[arg(long, value_name = "[NAME=]FOLDER", conflicts_with_all = ["left", "right"], help_heading = "Pictures")]
     camera: Vec<String>,
     /// Where the motors stood for every pair (CSV): calibrates the machine.
@@ -170,6 +173,9 @@ pub(crate) struct CalibrateArgs {
     /// Folder for --as; it must be there.
     #[arg(long, value_name = "DIR", requires = "format_of_export")]
     export: Option<PathBuf>,
+    /// Unit of the translations in the files of --as (OpenCV's only): m, cm, mm, in.
+    #[arg(long, value_name = "UNIT", value_parser = crate::calibration::unit, requires = "export")]
+    unit: Option<LengthUnit>,
     /// Make a page about the calibration in this folder: residuals, coverage, uncertainty, what is weak and what to do.
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
@@ -188,11 +194,17 @@ pub(crate) fn run(global: &Global, args: &CalibrateArgs) -> anyhow::Result<()> {
     }
     let target = board(args.target.as_deref().unwrap_or_default())?;
     lists::check_out(args.out.as_deref())?;
+    check_export(args)?;
     let pictures = match args.twin {
         true => Pictures::of_twin(&crate::twin::config(&global.settings(&[])?)?, args, &target)?,
         false => Pictures::of_files(args, &target)?,
     };
-    let work = Work::new(&pictures);
+    if args.unit.is_some() && pictures.names.len() != 2 {
+        let fault = fault::usage("--unit is given, but no file of a pair is written");
+        return Err(fault.hint("leave --unit out").into());
+    }
+    let mut work = Work::new(&pictures);
+    work.orient(args, &target)?;
     let calibration = work.calibrated(args)?;
     let saved = Saved::new(&calibration, &pictures.names)?;
     let mut answer = Answer::new(&work, &calibration, &target);
@@ -206,7 +218,7 @@ pub(crate) fn run(global: &Global, args: &CalibrateArgs) -> anyhow::Result<()> {
         saved.write(path)?;
     }
     if let (Some(format), Some(folder)) = (args.format_of_export, &args.export) {
-        for path in saved.export(folder, format)? {
+        for path in saved.export(folder, format, args.unit)? {
             output::say(&format!("wrote {}", path.display()));
         }
     }
@@ -219,6 +231,24 @@ pub(crate) fn run(global: &Global, args: &CalibrateArgs) -> anyhow::Result<()> {
     }
     if let Some(dir) = &args.report {
         output::say(&format!("wrote {}", dir.join(report::PAGE).display()));
+    }
+    Ok(())
+}
+
+/// What can be said of `--as`, `--export` and `--unit` before anything is computed.
+fn check_export(args: &CalibrateArgs) -> Result<(), Fault> {
+    if let Some(folder) = args.export.as_ref().filter(|folder| !folder.is_dir()) {
+        let fault = format!("--export {}: there is no such folder", folder.display());
+        return Err(fault::usage(fault));
+    }
+    let Some((format, _)) = args.format_of_export.zip(args.unit) else {
+        return Ok(());
+    };
+    if !matches!(format, ExportFormat::OpencvYaml | ExportFormat::OpencvXml) {
+        return Err(fault::usage(
+            "--unit is given, but only OpenCV's files may be in another unit than metres",
+        )
+        .hint("leave --unit out, or write --as opencv-yaml"));
     }
     Ok(())
 }
@@ -266,6 +296,23 @@ struct Pictures {
 
 impl Pictures {
     fn of_files(args: &CalibrateArgs, target: &Target) -> anyhow::Result<Self> {
+        if let Some((names, films)) = lists::films(&args.left, &args.right, &args.camera)? {
+            if args.motors.is_some() {
+                return Err(
+                    fault::usage("--motors names pictures, and films were given")
+                        .hint("calibrate a machine from pictures")
+                        .into(),
+                );
+            }
+            let taken = films::taken(&films, target)?;
+            return Ok(Self {
+                names,
+                views: taken.views,
+                seen: taken.seen,
+                states: None,
+                twin: None,
+            });
+        }
         let (names, mut views) = lists::views(&args.left, &args.right, &args.camera)?;
         let log = args
             .motors
@@ -356,6 +403,21 @@ impl<'a> Work<'a> {
             sizes: (0..names.len()).map(size).collect(),
             machine: pictures.states.is_some(),
         }
+    }
+
+    /// Let both cameras read a board that looks the same after a turn the same way round.
+    fn orient(&mut self, args: &CalibrateArgs, target: &Target) -> anyhow::Result<()> {
+        let Target::Chessboard(board) = target else {
+            return Ok(());
+        };
+        let settings = Settings::new(args.lens.model(), &self.sizes);
+        let turned = orient(&mut self.shots, board, &settings).map_err(|e| self.explained(&e))?;
+        if turned > 0 {
+            output::say(&format!(
+                "the board looks the same after a turn: in {turned} pictures it is read the other way round, so that both cameras agree"
+            ));
+        }
+        Ok(())
     }
 
     fn calibrated(&self, args: &CalibrateArgs) -> anyhow::Result<Calibration> {
@@ -456,17 +518,19 @@ impl Saved {
     }
 
     /// For other programs. A machine has no place in their files: its pair at home is written.
-    fn export(&self, folder: &Path, format: ExportFormat) -> anyhow::Result<Vec<PathBuf>> {
-        if !folder.is_dir() {
-            let fault = format!("--export {}: there is no such folder", folder.display());
-            return Err(fault::usage(fault).into());
-        }
+    fn export(
+        &self,
+        folder: &Path,
+        format: ExportFormat,
+        unit: Option<LengthUnit>,
+    ) -> anyhow::Result<Vec<PathBuf>> {
         let format = format.format();
+        let stated = unit.unwrap_or(LengthUnit::Metre);
         let written = match self {
             Self::Machine(machine) => machine
                 .at(&MotorState::default())
-                .and_then(|pair| pair.write_as(folder, format)),
-            Self::Pair(pair) => pair.write_as(folder, format),
+                .and_then(|pair| pair.write_as_in(folder, format, stated)),
+            Self::Pair(pair) => pair.write_as_in(folder, format, stated),
             Self::Cameras(cameras) => cameras.write_as(folder, format),
         };
         Ok(written.map_err(|e| fault::failed(e.to_string()))?)

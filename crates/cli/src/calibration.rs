@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use vergence_calib::solve::{AXES, MotorState};
-use vergence_calib::{MAX_FILE_BYTES, MachineCalibration, ReadOptions, RigCalibration};
+use vergence_calib::{LengthUnit, MAX_FILE_BYTES, MachineCalibration, ReadOptions, RigCalibration};
 
 use crate::fault::{self, Fault};
 use crate::output;
@@ -20,6 +20,14 @@ pub(crate) struct CalibrationFlags {
     /// Where the motors of a calibrated machine stood, steps: pan, tilt, left and right vergence.
     #[arg(long, value_name = "PAN,TILT,LEFT,RIGHT", allow_hyphen_values = true)]
     pub(crate) motors: Option<String>,
+    /// Unit of the translations in a file of OpenCV, ROS or Kalibr: m, cm, mm, in [default: what the file says, else m].
+    #[arg(long, value_name = "UNIT", value_parser = unit)]
+    pub(crate) unit: Option<LengthUnit>,
+}
+
+/// A unit as it is typed.
+pub(crate) fn unit(text: &str) -> Result<LengthUnit, String> {
+    text.parse()
 }
 
 impl CalibrationFlags {
@@ -30,6 +38,7 @@ impl CalibrationFlags {
             &paths,
             self.cameras.as_deref(),
             self.motors.as_deref(),
+            self.unit,
             sizes,
         )
     }
@@ -40,6 +49,7 @@ pub(crate) fn rig(
     paths: &[&Path],
     cameras: Option<&str>,
     motors: Option<&str>,
+    unit: Option<LengthUnit>,
     sizes: [(usize, usize); 2],
 ) -> Result<RigCalibration, Fault> {
     let told = |e: vergence_calib::CalibError| fault::usage(e.to_string());
@@ -48,6 +58,12 @@ pub(crate) fn rig(
         _ => None,
     };
     let rig = if let Some(path) = machine {
+        if unit.is_some() {
+            return Err(fault::usage(
+                "--unit is given, but the calibration of a machine is in metres",
+            )
+            .hint("leave --unit out"));
+        }
         let machine = MachineCalibration::read(path).map_err(told)?;
         let state = motors.map(state).transpose()?.ok_or_else(|| {
             fault::usage(format!(
@@ -71,7 +87,7 @@ pub(crate) fn rig(
         let options = ReadOptions {
             choice,
             picture_size: Some(sizes[0]),
-            ..ReadOptions::default()
+            unit,
         };
         RigCalibration::read_with(paths, &options).map_err(told)?
     };

@@ -94,6 +94,9 @@ pub(crate) struct DepthArgs {
         allow_hyphen_values = true
     )]
     motors: Option<String>,
+    /// Unit of the translations in a calibration of OpenCV, ROS or Kalibr: m, cm, mm, in [default: what the file says, else m].
+    #[arg(long, value_name = "UNIT", value_parser = crate::calibration::unit, requires = "calibration")]
+    unit: Option<vergence_calib::LengthUnit>,
     /// Focal length of the rectified pictures, pixels; with --baseline-m depth becomes metric.
     #[arg(
         long,
@@ -261,7 +264,7 @@ fn by_calibration(path: &Path, args: &DepthArgs) -> anyhow::Result<Rectified> {
     let pictures = [picture(&args.left)?, picture(&args.right)?];
     let sizes = [pictures[0].size(), pictures[1].size()];
     let (cameras, motors) = (args.cameras.as_deref(), args.motors.as_deref());
-    let rig = crate::calibration::rig(&[path], cameras, motors, sizes)?;
+    let rig = crate::calibration::rig(&[path], cameras, motors, args.unit, sizes)?;
     let plan = Rectification::new(&rig.cameras, &rig.base_from_cam, &Choices::default())
         .map_err(|e| fault::usage(e.to_string()))?;
     let rectified = |eye: Eye| {

@@ -4,16 +4,12 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use serde::Serialize;
-use vergence_calib::RigCalibration;
 use vergence_calib::health::{
-    DriftKind, GOOD_PX, Health, HealthMonitor, HealthVerdict, Match, RECALIBRATE_PX,
+    DriftKind, GOOD_PX, Health, HealthMonitor, HealthVerdict, RECALIBRATE_PX,
 };
-use vergence_geometry::Eye;
 use vergence_imaging::colour::luma_from_rgb;
 use vergence_imaging::files::read_rgb;
-use vergence_imaging::remap::Kernel;
-use vergence_stereo::faults::matching::matched;
-use vergence_stereo::rectify::{Choices, Rectification};
+use vergence_servo::watch::matches_of;
 
 use crate::calibrate::lists;
 use crate::calibration::CalibrationFlags;
@@ -86,15 +82,15 @@ struct Skipped {
     reason: String,
 }
 
-#[derive(Debug, Serialize)]
-struct DriftRecord {
-    name: &'static str,
-    value: f64,
-    sigma: f64,
-    floor: f64,
-    unit: &'static str,
-    significant: bool,
-    meaning: &'static str,
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct DriftRecord {
+    pub(crate) name: &'static str,
+    pub(crate) value: f64,
+    pub(crate) sigma: f64,
+    pub(crate) floor: f64,
+    pub(crate) unit: &'static str,
+    pub(crate) significant: bool,
+    pub(crate) meaning: &'static str,
 }
 
 /// Say how the rig is.
@@ -117,26 +113,17 @@ pub(crate) fn run(args: &HealthArgs) -> anyhow::Result<()> {
         let sizes = [pictures[0].size(), pictures[1].size()];
         let known = match &rig {
             Some((known, rig)) if *known == sizes => rig,
-            _ => {
-                &rig.insert((sizes, Rig::new(args.calibration.rig(sizes)?)?))
-                    .1
-            }
+            _ => &rig.insert((sizes, args.calibration.rig(sizes)?)).1,
         };
-        match matches_of(&known.plan, &pictures)? {
-            Ok(matches) => monitor.update(&known.calibration, &matches),
+        match matches_of(known, &pictures.each_ref().map(luma_from_rgb)) {
+            Ok(matches) => monitor.update(known, &matches),
             Err(reason) => skipped.push(Skipped {
                 file: pair[0].display().to_string(),
                 reason,
             }),
         }
     }
-    let Some((
-        _,
-        Rig {
-            calibration: rig, ..
-        },
-    )) = rig
-    else {
+    let Some((_, rig)) = rig else {
         return Err(fault::usage("no pairs were named").into());
     };
     let health = monitor.health(&rig).ok_or_else(|| {
@@ -167,52 +154,12 @@ pub(crate) fn run(args: &HealthArgs) -> anyhow::Result<()> {
     }
 }
 
-/// A rig with its rectification, for pictures of one size.
-struct Rig {
-    calibration: RigCalibration,
-    plan: Rectification,
-}
-
-impl Rig {
-    fn new(calibration: RigCalibration) -> anyhow::Result<Self> {
-        let (cameras, poses) = (&calibration.cameras, &calibration.base_from_cam);
-        let plan = Rectification::new(cameras, poses, &Choices::default())
-            .map_err(|e| fault::usage(e.to_string()))?;
-        Ok(Self { calibration, plan })
-    }
-}
-
 fn read(path: &std::path::Path) -> anyhow::Result<vergence_imaging::Rgb> {
     Ok(read_rgb(path).map_err(|e| fault::usage(e.to_string()))?)
 }
 
-/// Matched points of a pair as pixels of its own pictures. They are looked for in the rectified pictures, where eyes that stand askew look
-/// alike. The inner error is a pair that cannot be matched, and why.
-fn matches_of(
-    plan: &Rectification,
-    pictures: &[vergence_imaging::Rgb; 2],
-) -> anyhow::Result<Result<Vec<Match>, String>> {
-    let rectified = |eye: Eye| {
-        let gray = luma_from_rgb(&pictures[eye as usize]);
-        plan.rectified(eye, &gray, Kernel::Bicubic, 0)
-            .map_err(|e| fault::usage(e.to_string()))
-    };
-    let (left, right) = (rectified(Eye::Left)?, rectified(Eye::Right)?);
-    let found = match matched(&left, &right) {
-        Ok(found) => found,
-        Err(refusal) => return Ok(Err(refusal.to_string())),
-    };
-    let matches = found.points.iter().filter_map(|point| {
-        Some(Match {
-            left: plan.source_from_rectified(Eye::Left, &point.left_px)?,
-            right: plan.source_from_rectified(Eye::Right, &point.right_px)?,
-            sigma_px: point.sigma_px,
-        })
-    });
-    Ok(Ok(matches.collect()))
-}
-
-fn record(health: &Health, pairs: usize, pairs_skipped: Vec<Skipped>) -> Record {
+/// The six drifts in the units of a report.
+pub(crate) fn drift_records(health: &Health) -> Vec<DriftRecord> {
     let drifts = health.drifts.iter().map(|d| {
         let (scale, unit) = match d.kind {
             DriftKind::Zoom => (100.0, "%"),
@@ -228,6 +175,10 @@ fn record(health: &Health, pairs: usize, pairs_skipped: Vec<Skipped>) -> Record 
             meaning: d.kind.meaning(),
         }
     });
+    drifts.collect()
+}
+
+fn record(health: &Health, pairs: usize, pairs_skipped: Vec<Skipped>) -> Record {
     Record {
         verdict: health.verdict.id(),
         meaning: health.verdict.meaning(),
@@ -243,7 +194,7 @@ fn record(health: &Health, pairs: usize, pairs_skipped: Vec<Skipped>) -> Record 
         corrected_rms_px: health.corrected_rms_px,
         disparity_px: health.disparity_px,
         disparity_sigma_px: health.disparity_sigma_px,
-        drifts: drifts.collect(),
+        drifts: drift_records(health),
     }
 }
 

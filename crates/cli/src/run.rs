@@ -16,6 +16,7 @@ mod statistics;
 mod still;
 mod summary;
 mod view;
+mod watched;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -123,6 +124,9 @@ pub(crate) struct RunArgs {
     /// Which cameras of a calibration of many: LEFT,RIGHT by name or serial.
     #[arg(long, value_name = "LEFT,RIGHT", help_heading = "Files")]
     cameras: Option<String>,
+    /// Unit of the translations in a calibration of OpenCV, ROS or Kalibr: m, cm, mm, in [default: what the file says, else m].
+    #[arg(long, value_name = "UNIT", value_parser = crate::calibration::unit, help_heading = "Files")]
+    unit: Option<vergence_calib::LengthUnit>,
     /// Frames a second of numbered pictures; a video knows its own [default: 30].
     #[arg(
         long,

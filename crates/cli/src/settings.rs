@@ -497,6 +497,8 @@ fn parse_number(key: &Key, dimension: Dimension, text: &str) -> Result<Value, St
         Range::FromZero => (number < 0.0).then(|| "0 or more".to_owned()),
         Range::Within(low, high) => (number < low || number > high)
             .then(|| format!("between {} and {}", say(low), say(high))),
+        Range::ZeroOrWithin(low, high) => (number != 0.0 && (number < low || number > high))
+            .then(|| format!("0, or between {} and {}", say(low), say(high))),
     };
     match allowed {
         Some(range) => Err(format!("is out of range: {} must be {range}", key.path())),

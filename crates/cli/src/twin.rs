@@ -1,6 +1,6 @@
 //! The simulated rig that the settings describe.
 
-use vergence_capture::TwinConfig;
+use vergence_capture::{Knock, TwinConfig};
 use vergence_control::{AxisConfig, AxisLimits, AxisName, HeadConfig};
 use vergence_geometry::{BrownConrady, Camera, Distortion, HeadGeometry, Intrinsics};
 use vergence_scene::{Light, PathSpec, TwinCamera, read_waypoints};
@@ -31,6 +31,12 @@ pub(crate) fn config(settings: &Settings) -> anyhow::Result<TwinConfig> {
             pupil_m: settings.number("rig.pupil"),
         },
         head,
+        knock: Knock {
+            time_s: settings.number("run.knock.time"),
+            pitch_rad: settings.number("run.knock.pitch"),
+            yaw_rad: settings.number("run.knock.yaw"),
+            roll_rad: settings.number("run.knock.roll"),
+        },
     };
     Ok(config)
 }

@@ -12,6 +12,7 @@ use tempfile::TempDir;
 use vergence_calib::Target;
 use vergence_geometry::{BrownConrady, Camera, Intrinsics};
 use vergence_imaging::Plane;
+use vergence_imaging::avi::Film;
 use vergence_imaging::files::write_gray;
 use vergence_scene::board::{Look, Patch, Tones, develop, draw};
 
@@ -78,22 +79,25 @@ fn picture(cam_from_board: &Isometry3<f64>, seed: u64) -> Plane<u8> {
     develop(&light, &look)
 }
 
+/// Where the board is at place `n`, or on the way between two.
+fn left_from_board(n: f64) -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(
+        0.55 * (1.9 * n).sin(),
+        0.55 * (2.7 * n + 1.0).sin(),
+        0.3 * n.sin(),
+    ));
+    let middle = Vector3::new(
+        0.06 + 0.09 * (2.3 * n).sin(),
+        0.07 * (3.1 * n).cos(),
+        0.55 + 0.12 * n.cos(),
+    );
+    Isometry3::from_parts((middle - turn * Vector3::new(0.09, 0.06, 0.0)).into(), turn)
+}
+
 /// Pairs of pictures of a board at twelve places, as left_00.png and right_00.png.
 fn pairs(folder: &Path) {
     for i in 0..12_u64 {
-        let n = i as f64;
-        let turn = UnitQuaternion::from_scaled_axis(Vector3::new(
-            0.55 * (1.9 * n).sin(),
-            0.55 * (2.7 * n + 1.0).sin(),
-            0.3 * n.sin(),
-        ));
-        let middle = Vector3::new(
-            0.06 + 0.09 * (2.3 * n).sin(),
-            0.07 * (3.1 * n).cos(),
-            0.55 + 0.12 * n.cos(),
-        );
-        let left =
-            Isometry3::from_parts((middle - turn * Vector3::new(0.09, 0.06, 0.0)).into(), turn);
+        let left = left_from_board(i as f64);
         let right = left_from_right().inverse() * left;
         for (side, pose) in [("left", left), ("right", right)] {
             let path = folder.join(format!("{side}_{i:02}.png"));
@@ -177,6 +181,43 @@ fn a_pair_comes_back() {
     let page = std::fs::read_to_string(folder.path().join("report/index.html")).unwrap();
     assert!(page.contains("data:image/svg+xml") && !page.contains("NaN"));
     others_read_it(folder.path(), &left, &right);
+    units_are_kept(folder.path(), &left, &right);
+}
+
+/// OpenCV's files in millimetres: the unit stands in them and is read back; where it does not, --unit says it.
+fn units_are_kept(folder: &Path, left: &[String], right: &[String]) {
+    let more = ["--as", "opencv-yaml", "--export", ".", "--unit", "mm"];
+    assert!(calibrate(folder, left, right, &more).status.success());
+    let path = folder.join("extrinsics.yml");
+    let text = std::fs::read_to_string(&path).unwrap();
+    assert!(text.contains("length_unit: \"mm\""), "{text}");
+    let rectified = |out: &str, more: &[&str]| {
+        let files = ["--calibration", "intrinsics.yml", "extrinsics.yml"];
+        let command = [&["rectify", "--out", out], &files[..], more].concat();
+        let output = with_pictures(folder, &command, left, right);
+        let record = std::fs::read_to_string(folder.join(out).join("rectified.json"));
+        (output.status.code(), record.unwrap_or_default())
+    };
+    let stated = rectified("stated", &[]);
+    assert_eq!(stated.0, Some(0));
+    std::fs::write(&path, text.replace("length_unit: \"mm\"\n", "")).unwrap();
+    // Without a unit a base of 120 is no rig's in metres.
+    assert_eq!(rectified("unstated", &[]).0, Some(2));
+    assert_eq!(rectified("said", &["--unit", "mm"]), stated);
+    // What cannot be written is said before anything is.
+    let ros = [
+        "--as",
+        "ros",
+        "--export",
+        ".",
+        "--unit",
+        "mm",
+        "--out",
+        "unwritten.toml",
+    ];
+    let refused = calibrate(folder, left, right, &ros);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(!folder.join("unwritten.toml").exists());
 }
 
 /// Rectification takes our file, and the two files of ROS that were written beside it; depth is metric by it.
@@ -227,6 +268,60 @@ fn refusal(output: &Output) -> String {
     );
     assert!(output.stdout.is_empty());
     String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Two films in which the board is held still at twelve places and moved between give the pair that their pictures give; a film in which it
+/// never rests is refused. Needs ffmpeg.
+#[test]
+fn films_give_their_still_moments() {
+    if Command::new("ffmpeg").arg("-version").output().is_err() {
+        println!("skipped: no ffmpeg");
+        return;
+    }
+    let folder = TempDir::new().unwrap();
+    let mut films = [Film::new((640, 480), 10.0), Film::new((640, 480), 10.0)];
+    let mut restless = Film::new((640, 480), 10.0);
+    for i in 0..12_u64 {
+        for step in 0..6 {
+            // Four frames at rest, two on the way.
+            let way = [0.0, 0.0, 0.0, 0.0, 0.3, 0.7][step as usize];
+            let left = left_from_board(i as f64 + way);
+            let right = left_from_right().inverse() * left;
+            for (eye, pose) in [left, right].iter().enumerate() {
+                let seed = 12 * i + 2 * step + eye as u64;
+                films[eye]
+                    .push(&picture(pose, seed).map(|v| [v; 3]))
+                    .unwrap();
+            }
+        }
+        let moving = picture(&left_from_board(0.4 * i as f64), i);
+        restless.push(&moving.map(|v| [v; 3])).unwrap();
+    }
+    for (film, name) in films
+        .iter()
+        .chain([&restless])
+        .zip(["l.avi", "r.avi", "x.avi"])
+    {
+        film.write(&folder.path().join(name)).unwrap();
+    }
+    let given = ["calibrate", "--target", BOARD, "--format", "json"];
+    let eyes = ["--left", "l.avi", "--right", "r.avi"];
+    let output = vergence(&[&given[..], &eyes].concat(), folder.path());
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{told}");
+    let answer: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let baseline = answer["baseline_m"].as_f64().unwrap();
+    let truth = left_from_right().translation.vector.norm();
+    assert!((baseline - truth).abs() < 1e-3, "{baseline} for {truth}");
+    let used = answer["views_used"].as_u64().unwrap();
+    assert!((16..=26).contains(&used), "{used} views");
+
+    let output = vergence(
+        &[&given[..], &["--camera", "x.avi"]].concat(),
+        folder.path(),
+    );
+    let told = refusal(&output);
+    assert!(told.contains("never held still"), "{told}");
 }
 
 /// Every kind of unusable pictures: exit code 2, one sentence that says what, and nothing written.

@@ -127,10 +127,8 @@ fn files_and_fields() {
 
 /// 16-bit samples of a PNG file, by the bytes of the format itself would be much; the size alone tells that they are 16-bit.
 fn image_16(path: &std::path::Path) -> Vec<u16> {
-    image::open(path)
-        .expect("a picture")
-        .into_luma16()
-        .into_raw()
+    let picture = vergence_imaging::files::read_gray16(path).expect("a picture");
+    picture.samples().to_vec()
 }
 
 /// A region has its own size and says where it lies; text output is for people.

@@ -455,6 +455,11 @@ impl Controller {
         off < PARKED_WITHIN_RAD && now_s - ramp.start_s >= ramp.duration_s
     }
 
+    /// The axes' limits, in their order.
+    pub fn limits(&self) -> &[AxisLimits; 4] {
+        &self.limits
+    }
+
     /// Setpoints of the motors from the wanted angles of the loads, inside the limits.
     fn commands(&mut self, at_s: f64, axes: &[Moving; 4]) -> ([AxisCommand; 4], [bool; 4]) {
         let mut commands = [AxisCommand::Hold; 4];

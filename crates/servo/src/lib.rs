@@ -13,6 +13,7 @@ pub mod servo;
 pub mod stages;
 pub mod step;
 mod target;
+pub mod watch;
 mod wide;
 
 pub use error::ServoError;
@@ -21,3 +22,4 @@ pub use rigging::{Motors, Rigging};
 pub use servo::{Servo, ServoSettings};
 pub use stages::{Stage, StageTimes, Stopwatch};
 pub use step::{Measured, Step};
+pub use watch::{HealthNote, WatchSettings};

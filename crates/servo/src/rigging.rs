@@ -4,7 +4,8 @@ use nalgebra::Isometry3;
 use vergence_calib::MachineCalibration;
 use vergence_capture::StereoFrame;
 use vergence_control::{
-    AxisError, AxisReading, BoxedAxis, ControlOutput, Controller, LoadObserver, TargetEstimate,
+    AxisCommand, AxisError, AxisLimits, AxisName, AxisReading, AxisSetpoint, BoxedAxis,
+    ControlOutput, Controller, LoadObserver, TargetEstimate,
 };
 use vergence_geometry::{Eye, HeadAngles, HeadGeometry};
 use vergence_track::filter::TargetEstimate as TrackEstimate;
@@ -27,6 +28,7 @@ pub struct Motors {
     observer: LoadObserver,
     zero_sigma_rad: f64,
     calibrated: Option<Calibrated>,
+    right_offset_rad: f64,
 }
 
 /// A calibrated machine, and what its axes turn for a radian of the counters.
@@ -91,6 +93,7 @@ impl Motors {
             observer: LoadObserver::new(backlash_rad),
             zero_sigma_rad: ZERO_SIGMA_RAD,
             calibrated: None,
+            right_offset_rad: 0.0,
         }
     }
 
@@ -121,6 +124,12 @@ impl Motors {
     pub fn with_zero_sigma(mut self, sigma_rad: f64) -> Self {
         self.zero_sigma_rad = sigma_rad;
         self
+    }
+
+    /// From now on the right camera looks further right (+) than the angle of its axis says, rad: the control law is told where it looks, the
+    /// axis where it has to go for that.
+    pub(crate) fn set_right_offset(&mut self, offset_rad: f64) {
+        self.right_offset_rad = offset_rad;
     }
 
     /// Deviation of the distance of a target `distance_m` away that follows from the unknown zeros of the two vergence axes, m:
@@ -185,7 +194,14 @@ impl Motors {
         readings: &[AxisReading; 4],
         now_s: f64,
     ) -> Result<ControlOutput, ServoError> {
-        let output = self.controller.step(now_s, target, readings);
+        let right = AxisName::RightVergence.index();
+        let mut looking = *readings;
+        looking[right].position_rad += self.right_offset_rad;
+        let mut output = self.controller.step(now_s, target, &looking);
+        if let AxisCommand::Follow(setpoint) = &mut output.commands[right] {
+            let limits = &self.controller.limits()[right];
+            output.clamped[right] |= set_aside(setpoint, self.right_offset_rad, limits);
+        }
         if let Some(error) = first_error(output.apply(&mut self.axes, now_s)) {
             // One axis that fails leaves no rig to follow with: the others stop too, whatever they answer.
             let _ = self.hold(now_s);
@@ -206,4 +222,44 @@ fn first_error(results: [Result<(), AxisError>; 4]) -> Option<ServoError> {
         .into_iter()
         .find_map(Result::err)
         .map(ServoError::from)
+}
+
+/// Move a setpoint by `-offset_rad`, inside the axis's limits, at which it stands still; whether it was cut there.
+fn set_aside(setpoint: &mut AxisSetpoint, offset_rad: f64, limits: &AxisLimits) -> bool {
+    let wanted_rad = setpoint.position_rad - offset_rad;
+    setpoint.position_rad = wanted_rad.clamp(limits.position_min_rad, limits.position_max_rad);
+    let cut = setpoint.position_rad != wanted_rad;
+    if cut {
+        setpoint.velocity_rad_s = 0.0;
+    }
+    cut
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is set aside for a turned camera stays inside the axis's limits, and stands still there.
+    #[test]
+    fn an_offset_does_not_leave_the_limits() {
+        let limits = AxisLimits {
+            position_min_rad: -0.1,
+            position_max_rad: 0.1,
+            velocity_max_rad_s: 1.0,
+            acceleration_max_rad_s2: 1.0,
+            jerk_max_rad_s3: 1.0,
+        };
+        let moved = |position_rad: f64, offset_rad: f64| {
+            let mut setpoint = AxisSetpoint {
+                time_s: 1.0,
+                position_rad,
+                velocity_rad_s: 0.3,
+            };
+            let cut = set_aside(&mut setpoint, offset_rad, &limits);
+            (setpoint.position_rad, setpoint.velocity_rad_s, cut)
+        };
+        assert_eq!(moved(0.05, 0.01), (0.05 - 0.01, 0.3, false));
+        assert_eq!(moved(0.095, -0.01), (0.1, 0.0, true));
+        assert_eq!(moved(-0.095, 0.01), (-0.1, 0.0, true));
+    }
 }

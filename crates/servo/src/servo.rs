@@ -20,6 +20,7 @@ use crate::rigging::{Rigging, Stance};
 use crate::stages::{Stage, StageTimes};
 use crate::step::{Measured, Step};
 use crate::target::{Place, Target};
+use crate::watch::{HealthNote, Watch, WatchSettings};
 use crate::wide::{is_wide, look};
 
 /// Levels of the pyramids: 64 x 48 pixels at the top of 1024 x 768.
@@ -39,6 +40,8 @@ pub struct ServoSettings {
     pub filter: FilterSettings,
     /// How its disparity is measured.
     pub matching: MatchSettings,
+    /// How the rig's health is watched. Cameras far apart are not: points of one are not found in the other.
+    pub watch: WatchSettings,
 }
 
 /// The loop: owns the buffers and the state of every stage.
@@ -50,6 +53,7 @@ pub struct Servo {
     matcher: Matcher,
     relief_m: f64,
     target: Target,
+    watch: Watch,
     /// Set when the cameras stand too wide for patches of one to be found in the other.
     wide: Option<TwoViewTracker>,
     wide_state: FollowState,
@@ -117,6 +121,7 @@ impl Servo {
             relief_m: settings.matching.relief_m,
             matcher: Matcher::new(settings.matching),
             target: Target::new(filter)?,
+            watch: Watch::new(info.cameras, settings.watch),
         })
     }
 
@@ -126,13 +131,14 @@ impl Servo {
         self.check_sizes(pair)?;
         let mut times = StageTimes::default();
         times.timed(Stage::Pictures, || self.take_pictures(pair));
-        let stance = self.rigging.stance_at(pair)?;
+        let mut stance = self.rigging.stance_at(pair)?;
         let capture_s = pair.capture_s();
         self.target.begin(capture_s);
 
         if self.wide.is_some() {
             return self.step_wide(pair, &stance, now_s, times);
         }
+        let health = times.timed(Stage::Health, || self.watch_rig(pair, &mut stance));
         let mut report = times.timed(Stage::Track, || self.follow(&stance, pair))?;
         if report.state == FollowState::Searching {
             self.target.forget();
@@ -182,8 +188,32 @@ impl Servo {
             aim,
             mode_change: control.as_ref().and_then(|c| c.mode_change.clone()),
             control,
+            health,
             times,
         })
+    }
+
+    /// Take the answer of an earlier look at the rig when it is due, give the next pair when that is, and correct where the right camera stands.
+    fn watch_rig(&mut self, pair: &StereoFrame, stance: &mut Stance) -> Option<HealthNote> {
+        let capture_s = pair.capture_s();
+        let note = match self.watch.is_answer_due(capture_s) {
+            true => self.watch.answer(Some(capture_s)),
+            false => None,
+        };
+        if self.watch.is_look_due(capture_s) {
+            let pictures = [&self.pictures[0].luma, &self.pictures[1].luma];
+            self.watch.look(capture_s, pictures, &stance.base_from_cam);
+        }
+        stance.base_from_cam = self.watch.corrected(capture_s, &stance.base_from_cam);
+        if let Rigging::Motors(motors) = &mut self.rigging {
+            motors.set_right_offset(self.watch.right_offset_rad(capture_s));
+        }
+        note
+    }
+
+    /// Take the answer of the look at the rig's health that is under way, if any: after the last step.
+    pub fn last_look(&mut self) -> Option<HealthNote> {
+        self.watch.answer(None)
     }
 
     /// The same for two cameras far apart, which stand still.
@@ -236,6 +266,7 @@ impl Servo {
             aim,
             control: None,
             mode_change: None,
+            health: None,
             times,
         })
     }

@@ -13,15 +13,18 @@ pub enum Stage {
     Measure,
     /// Filter, prediction, control law, commands.
     Control,
+    /// Handing a pair to the thread that watches the rig's health, and taking its answer.
+    Health,
 }
 
 impl Stage {
     /// All stages in order.
-    pub const ALL: [Stage; 4] = [
+    pub const ALL: [Stage; 5] = [
         Stage::Pictures,
         Stage::Track,
         Stage::Measure,
         Stage::Control,
+        Stage::Health,
     ];
 
     /// The name in reports.
@@ -31,6 +34,7 @@ impl Stage {
             Stage::Track => "track",
             Stage::Measure => "measure",
             Stage::Control => "control",
+            Stage::Health => "health",
         }
     }
 }
@@ -38,7 +42,7 @@ impl Stage {
 /// Wall time of one step by stage, seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StageTimes {
-    seconds: [f64; 4],
+    seconds: [f64; 5],
 }
 
 impl StageTimes {

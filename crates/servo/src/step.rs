@@ -7,6 +7,7 @@ use vergence_track::filter::{TargetEstimate, Update};
 use vergence_track::{FollowState, PixelBox, Reason, Sighting};
 
 use crate::stages::StageTimes;
+use crate::watch::HealthNote;
 
 /// One step of the loop.
 #[derive(Clone, Debug)]
@@ -21,7 +22,7 @@ pub struct Step {
     pub command_s: f64,
     /// Where the step counters stood at the capture; zero for cameras that do not move.
     pub angles: HeadAngles,
-    /// Where the cameras stood, by the step counters or by the calibration; left, right.
+    /// Where the cameras stood, by the step counters or by the calibration, and what was corrected of it; left, right.
     pub base_from_cam: [Isometry3<f64>; 2],
     /// What the follower is doing.
     pub state: FollowState,
@@ -43,6 +44,8 @@ pub struct Step {
     pub control: Option<ControlOutput>,
     /// Set when the mode changed in this step.
     pub mode_change: Option<ModeChange>,
+    /// What a look at the rig's health said; set in the steps in which an answer was taken.
+    pub health: Option<HealthNote>,
     /// Wall time by stage.
     pub times: StageTimes,
 }

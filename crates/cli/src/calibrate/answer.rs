@@ -45,6 +45,7 @@ pub(crate) struct Answer {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) rows: Option<RowsRecord>,
     pub(crate) uncertainty: UncertaintyRecord,
+    pub(crate) board_shape: Option<BoardShape>,
     pub(crate) weak: Vec<WeakRecord>,
     pub(crate) next_views: Vec<NextView>,
     /// Of the twin: the calibration against the truth.
@@ -166,6 +167,14 @@ pub(crate) struct HalvesRecord {
     pub(crate) other_half_rows: Option<RowsRecord>,
 }
 
+/// How flat the board is: from the lowest to the highest corner.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct BoardShape {
+    pub(crate) bend_mm: f64,
+    pub(crate) sigma_mm: f64,
+    pub(crate) bent: bool,
+}
+
 /// What is weak.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct WeakRecord {
@@ -215,6 +224,11 @@ impl Answer {
             views_rejected: rejected(work, found),
             rows: row_errors(found, &used(work, found)).map(RowsRecord::from),
             uncertainty: uncertainty(work, found),
+            board_shape: found.flatness.map(|f| BoardShape {
+                bend_mm: 1e3 * f.bend_m,
+                sigma_mm: 1e3 * f.sigma_m,
+                bent: f.bent,
+            }),
             weak: weaknesses(found, work.names)
                 .into_iter()
                 .map(|w| WeakRecord {

@@ -150,6 +150,7 @@ pub(super) fn projection_maps(work: &Work<'_>, found: &Calibration) -> Vec<Figur
                 title: format!("point at {d:.2} m"),
                 value: &**value,
             });
+            let value = Axis::linear("px", 0.0, largest);
             let atlas = Atlas {
                 title: format!("How well camera {} knows where it sees a point", work.names[camera]),
                 subtitle: "standard deviation of the projection by the calibration alone, along the axis where it is largest; where it grows no board was held"
@@ -157,8 +158,8 @@ pub(super) fn projection_maps(work: &Work<'_>, found: &Calibration) -> Vec<Figur
                 x: Axis::linear("u, px", 0.0, w as f64),
                 y: Axis::linear("v, px", 0.0, h as f64),
                 y_down: true,
-                value: Axis::linear("px", 0.0, largest),
-                contours: (1..=6).map(|i| largest * f64::from(i) / 7.0).collect(),
+                contours: value.ticks(6).into_iter().map(|(v, _)| v).filter(|v| *v > 0.0).collect(),
+                value,
                 maps: maps.collect(),
                 columns: 2,
             };

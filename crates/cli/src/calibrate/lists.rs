@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crate::fault::{self, Fault};
+use crate::grade::names::is_film;
 
 /// Most pictures of one call.
 const MAX_PICTURES: usize = 20_000;
@@ -57,6 +58,54 @@ pub(crate) fn views(
         })
         .collect();
     Ok((named.into_iter().map(|(name, _)| name).collect(), views))
+}
+
+/// Names of the cameras and a film of each.
+pub(crate) type Films = (Vec<String>, Vec<PathBuf>);
+
+/// Names of the cameras with a film of each, when films were named; `None` for pictures.
+pub(crate) fn films(
+    left: &[PathBuf],
+    right: &[PathBuf],
+    cameras: &[String],
+) -> Result<Option<Films>, Fault> {
+    let named: Vec<(String, PathBuf)> = if left.is_empty() {
+        let alone = cameras.len() == 1;
+        let named = cameras.iter().map(|text| match text.split_once('=') {
+            // A URL may hold an equals sign of its own.
+            Some((name, path)) if !name.is_empty() && !name.contains("://") => {
+                (name.to_owned(), PathBuf::from(path))
+            }
+            _ if alone => ("camera".to_owned(), PathBuf::from(text)),
+            _ => (String::new(), PathBuf::from(text)),
+        });
+        named.collect()
+    } else {
+        let eyes = [("left", left), ("right", right)].into_iter();
+        eyes.flat_map(|(name, paths)| paths.iter().map(move |p| (name.to_owned(), p.clone())))
+            .collect()
+    };
+    let count = named.iter().filter(|(_, p)| is_film(p)).count();
+    if count == 0 {
+        return Ok(None);
+    }
+    let names: std::collections::BTreeSet<&String> = named.iter().map(|(name, _)| name).collect();
+    if count < named.len() || names.len() < named.len() || names.iter().any(|n| n.is_empty()) {
+        return Err(fault::usage(
+            "films and pictures cannot be mixed, and every camera has one film with a name of its own",
+        )
+        .hint("for example --left left.mp4 --right right.mp4, or --camera a=a.mp4 --camera b=b.mp4"));
+    }
+    if let Some((_, missing)) = named
+        .iter()
+        .find(|(_, p)| !p.to_string_lossy().contains("://") && !p.is_file())
+    {
+        return Err(fault::usage(format!(
+            "there is no such file or folder: {}",
+            missing.display()
+        )));
+    }
+    Ok(Some(named.into_iter().unzip()))
 }
 
 fn of_cameras(cameras: &[String]) -> Result<Vec<(String, Vec<PathBuf>)>, Fault> {

@@ -153,7 +153,7 @@ fn pair(answer: &Answer) -> Markup {
     };
     let vector = |v: &[f64; 3], scale: f64, digits: usize| {
         v.iter()
-            .map(|x| format!("{:.digits$}", x * scale))
+            .map(|x| rounded(x * scale, digits))
             .collect::<Vec<_>>()
             .join(", ")
     };
@@ -193,7 +193,7 @@ fn axes(answer: &Answer) -> Markup {
                             th { (a.name) }
                             td { (format!("{:.6}", a.degrees_per_step)) span.sigma { (give(a.degrees_per_step_sigma, 6)) } }
                             td { (format!("{:.4}", a.backlash_deg)) span.sigma { (give(a.backlash_sigma_deg, 4)) } }
-                            td { (a.direction.iter().map(|d| format!("{d:.4}")).collect::<Vec<_>>().join(" ")) }
+                            td { (a.direction.iter().map(|d| rounded(*d, 4)).collect::<Vec<_>>().join(" ")) }
                         }
                     }
                 }
@@ -250,5 +250,14 @@ fn how_to_read() -> Markup {
                 "has it). It is small where boards were held and grows outside; at a larger distance it grows when all boards were near." }
             p { "Matching errors of ranges differ from point to point and average out over an object; the calibration's error is the same for all of them." }
         }
+    }
+}
+
+/// A number with so many decimals, without the sign of what rounds to nothing.
+fn rounded(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(digits) if digits.bytes().all(|b| matches!(b, b'0' | b'.')) => digits.to_owned(),
+        _ => text,
     }
 }

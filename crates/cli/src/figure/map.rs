@@ -358,15 +358,29 @@ fn label_contour(
                 .all(|(q, _)| (p.0 - q.0).hypot(p.1 - q.1) > LABEL_DISTANCE)
         };
         if let Some(p) = best.filter(|p| free(*p)) {
-            let decimals = if level.fract() == 0.0 { 0 } else { 1 };
-            labels.push((p, axis::fixed(level, decimals)));
+            labels.push((p, axis::fixed(level, decimals_of(level))));
         }
     }
+}
+
+/// As many decimals as a level has, if it has at most four; else one.
+fn decimals_of(level: f64) -> usize {
+    let is_whole = |v: f64| (v - v.round()).abs() < 1e-6;
+    (0..=4)
+        .find(|n| is_whole(level * 10f64.powi(*n)))
+        .map_or(1, |n| n as usize)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Small levels keep their digits; odd ones are rounded.
+    #[test]
+    fn levels_have_their_decimals() {
+        let levels = [2.0, 0.5, 0.005, 0.25, 1.0 / 7.0];
+        assert_eq!(levels.map(decimals_of), [0, 1, 3, 2, 1]);
+    }
 
     /// Shuffled pieces of a closed square and of an open corner become two lines that run through every end.
     #[test]

@@ -12,9 +12,9 @@ const PICTURES: [&str; 15] = [
 ];
 
 /// Endings of films, which go through ffmpeg.
-const FILMS: [&str; 14] = [
+const FILMS: [&str; 15] = [
     "mp4", "m4v", "mov", "mkv", "mk3d", "webm", "avi", "mpg", "mpeg", "ts", "mts", "m2ts", "wmv",
-    "ogv",
+    "ogv", "mjpeg",
 ];
 
 /// Whether the name is that of a picture.
@@ -23,7 +23,7 @@ pub(crate) fn is_picture(path: &Path) -> bool {
 }
 
 /// Whether the name is that of a film, or an address.
-pub(super) fn is_film(path: &Path) -> bool {
+pub(crate) fn is_film(path: &Path) -> bool {
     has_ending(path, &FILMS) || is_address(path)
 }
 

@@ -2,13 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use vergence_calib::{MachineCalibration, RigCalibration};
+use vergence_calib::{MachineCalibration, ReadOptions, RigCalibration};
 use vergence_capture::{FilesConfig, FilesSource, OnFault, TwinConfig, TwinSource};
 use vergence_control::{AutoThreshold, ControlSettings, Controller, ModeRequest, ModeSettings};
 use vergence_geometry::comfort::Rule;
 use vergence_geometry::planning::{self, Setup};
 use vergence_geometry::{Camera, Screen, Viewer};
-use vergence_servo::{Motors, Rigging, Servo, ServoSettings};
+use vergence_servo::{Motors, Rigging, Servo, ServoSettings, WatchSettings};
 use vergence_track::{FollowSettings, PixelBox, Posture, TrackError, check_box};
 
 use crate::fault::{self, Fault};
@@ -33,7 +33,7 @@ pub(crate) fn from_args(args: &RunArgs, settings: &Settings) -> anyhow::Result<B
     let (feed, servo, calibration) = match args.source {
         SourceKind::Twin => twin(args, settings, &setup, target)?,
         SourceKind::Files => {
-            let (feed, servo) = files(args, target)?;
+            let (feed, servo) = files(args, settings, target)?;
             let file = args.calibration.as_deref().map(|p| last_parts(p, 1));
             (feed, servo, file.unwrap_or_default())
         }
@@ -85,6 +85,7 @@ fn twin(
         ("--right", args.right.is_some()),
         ("--cameras", args.cameras.is_some()),
         ("--fps", args.fps.is_some()),
+        ("--unit", args.unit.is_some()),
         ("--on-fault", args.on_fault.is_some()),
     ] {
         if given {
@@ -122,6 +123,7 @@ fn twin(
         Rigging::Motors(Box::new(motors)),
         &ServoSettings {
             target,
+            watch: watch(settings),
             ..ServoSettings::default()
         },
     )
@@ -243,7 +245,11 @@ fn auto_threshold(id: &str, setup: &Setup) -> Result<AutoThreshold, Fault> {
     })
 }
 
-fn files(args: &RunArgs, target: Option<PixelBox>) -> anyhow::Result<(Feed, Servo)> {
+fn files(
+    args: &RunArgs,
+    settings: &Settings,
+    target: Option<PixelBox>,
+) -> anyhow::Result<(Feed, Servo)> {
     for (flag, given) in [
         ("--path", args.path.is_some()),
         ("--seed", args.seed.is_some()),
@@ -266,13 +272,15 @@ fn files(args: &RunArgs, target: Option<PixelBox>) -> anyhow::Result<(Feed, Serv
     let right = needed(args.right.as_ref(), "--right")?;
     let calibration = needed(args.calibration.as_ref(), "--calibration")?;
     let choice = args.cameras.as_deref().map(names_from_text).transpose()?;
-    let rig =
-        RigCalibration::read(&calibration, choice).map_err(|e| fault::usage(e.to_string()))?;
-    let fps = args
-        .fps
-        .as_deref()
-        .map(|text| rate_from_text(text, "--fps"))
-        .transpose()?;
+    let options = ReadOptions {
+        choice,
+        unit: args.unit,
+        ..ReadOptions::default()
+    };
+    let rig = RigCalibration::read_with(&[&calibration], &options)
+        .map_err(|e| fault::usage(e.to_string()))?;
+    let fps = args.fps.as_deref();
+    let fps = fps.map(|text| rate_from_text(text, "--fps")).transpose()?;
     let on_fault = match args.on_fault {
         Some(FaultAction::Skip) => OnFault::Skip,
         Some(FaultAction::Refuse) | None => OnFault::Refuse,
@@ -294,6 +302,7 @@ fn files(args: &RunArgs, target: Option<PixelBox>) -> anyhow::Result<(Feed, Serv
         Rigging::Fixed(poses),
         &ServoSettings {
             target,
+            watch: watch(settings),
             follow: FollowSettings {
                 posture: Posture::Any,
                 ..FollowSettings::default()
@@ -303,6 +312,14 @@ fn files(args: &RunArgs, target: Option<PixelBox>) -> anyhow::Result<(Feed, Serv
     )
     .map_err(|e| fault::usage(e.to_string()))?;
     Ok((feed, servo))
+}
+
+/// How the rig's health is watched.
+fn watch(settings: &Settings) -> WatchSettings {
+    WatchSettings {
+        every_s: settings.number("run.health"),
+        correct: settings.switch("run.correct"),
+    }
 }
 
 /// Frames a second as typed.

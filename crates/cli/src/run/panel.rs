@@ -40,11 +40,18 @@ impl Panel {
         }
     }
 
-    /// Show a row; `wall_s` is the wall time since the start, `latency_s` from capture to setpoint.
-    pub(crate) fn show(&mut self, row: &Row, wall_s: f64, latency_s: f64) {
+    /// Show a row; `wall_s` is the wall time since the start, `latency_s` from capture to setpoint, `health` the rig's drift in pixels with its
+    /// verdict.
+    pub(crate) fn show(
+        &mut self,
+        row: &Row,
+        wall_s: f64,
+        latency_s: f64,
+        health: Option<(f64, &str)>,
+    ) {
         self.rate.tick(wall_s);
         if self.live && row.index.is_multiple_of(EVERY) {
-            let line = line_from_row(row, self.rate.fps, latency_s);
+            let line = line_from_row(row, self.rate.fps, latency_s, health);
             // Without wrapping a narrower terminal cuts the line instead of scrolling. A line that cannot be shown is no reason to
             // stop.
             let _ = write!(stderr(), "\r{NO_WRAP}{line}{CLEAR_REST}{WRAP}");
@@ -84,8 +91,8 @@ impl Rate {
 }
 
 /// Time, state, distance, vergence angle, parallax of the target on the screen (+ behind) in pixels and arc minutes, mode,
-/// frames a second, latency.
-fn line_from_row(row: &Row, fps: f64, latency_s: f64) -> String {
+/// frames a second, latency, how many pixels the rig has drifted with the verdict.
+fn line_from_row(row: &Row, fps: f64, latency_s: f64, health: Option<(f64, &str)>) -> String {
     let number = |value: Option<f64>, decimals: usize, width: usize| {
         value.map_or_else(
             || format!("{:>width$}", "–"),
@@ -98,7 +105,7 @@ fn line_from_row(row: &Row, fps: f64, latency_s: f64) -> String {
         )
     };
     let line = format!(
-        "{:5.0} s {:<9}{} m verg {:5.2}° {} px {}′ {:<9} {fps:3.0} fps{:3.0} ms",
+        "{:4.0} s {:<9}{} m {:5.2}° {}px {}′ {:<9} {fps:.0}fps {:.0}ms{}",
         row.capture_s,
         word(&row.state),
         number(row.distance_m(), 2, 6),
@@ -108,8 +115,20 @@ fn line_from_row(row: &Row, fps: f64, latency_s: f64) -> String {
         number(row.parallax_arcmin, 1, 6),
         row.mode.name(),
         latency_s * 1e3,
+        health.map_or_else(String::new, |(px, verdict)| format!(
+            " {} {px:.1}",
+            word_of_verdict(verdict)
+        )),
     );
     line.chars().take(COLUMNS).collect()
+}
+
+/// At most four letters, so that a line keeps its 79 columns.
+fn word_of_verdict(verdict: &str) -> &str {
+    match verdict {
+        "recalibrate" => "CAL!",
+        other => other,
+    }
 }
 
 #[cfg(test)]
@@ -140,35 +159,36 @@ mod tests {
     /// The longest words and numbers that a run has fit a terminal of 80 columns, whole; a row about which nothing is known too.
     #[test]
     fn a_line_fits_a_terminal_of_80_columns() {
-        let line = line_from_row(&full_row(), 30.2, 0.0264);
+        let line = line_from_row(&full_row(), 30.2, 0.0264, Some((12.34, "recalibrate")));
         assert!(line.chars().count() <= COLUMNS, "{line}");
         for part in [
             "1235 s",
             "searching",
             "10.25 m",
             "11.46°",
-            "-123.4 px",
+            "-123.4px",
             "-131.3′",
             "converged",
-            "30 fps",
-            "26 ms",
+            "30fps",
+            "26ms",
+            "CAL! 12.3",
         ] {
             assert!(line.contains(part), "{part} in {line}");
         }
-        assert!(line.ends_with("26 ms"), "{line}");
-        let empty = line_from_row(&Row::default(), 0.0, 0.0);
+        assert!(line.ends_with("CAL! 12.3"), "{line}");
+        let empty = line_from_row(&Row::default(), 0.0, 0.0, None);
         assert!(empty.chars().count() <= COLUMNS && empty.contains('–'));
         let still = Row {
             shown_px: Some(0.01),
             ..full_row()
         };
-        let line = line_from_row(&still, 30.0, 0.02);
-        assert!(line.contains("  0.0 px"), "{line}");
+        let line = line_from_row(&still, 30.0, 0.02, None);
+        assert!(line.contains("  0.0px"), "{line}");
         // Nothing makes it longer: what does not fit is cut.
         let day = Row {
             capture_s: 1e9,
             ..full_row()
         };
-        assert_eq!(line_from_row(&day, 1e6, 1e3).chars().count(), COLUMNS);
+        assert_eq!(line_from_row(&day, 1e6, 1e3, None).chars().count(), COLUMNS);
     }
 }

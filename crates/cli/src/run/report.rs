@@ -54,6 +54,9 @@ pub(crate) fn text_of(outcome: &Outcome) -> String {
             ),
         );
     }
+    for (label, text) in s.health.iter().flat_map(super::watched::lines) {
+        line(label, &text);
+    }
     for change in &s.mode_changes {
         let text = format!(
             "{} → {} at {:.2} s: {}",

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use vergence_capture::{Clock as _, RealClock, StereoFrame};
-use vergence_servo::{Servo, Stage, Step, Stopwatch};
+use vergence_servo::{HealthNote, Servo, Stage, Step, Stopwatch};
 
 use super::feed::Feed;
 use super::folder::RunFolder;
@@ -17,6 +17,7 @@ use super::shown::Electronic;
 use super::still::{Scene, Still};
 use super::summary::{Change, Facts, MOST_EVENTS, Rows, Summary, Wall};
 use super::view::{Screening, row_from_step};
+use super::watched::Watched;
 
 /// The stated time from the arrival of a pair to its setpoints in a simulated run, s: what the loop takes on two cores with
 /// some to spare. A fixed figure, so that a run does not depend on how fast the machine is.
@@ -77,6 +78,14 @@ pub(crate) fn run(
         &mut log,
     );
     log.panel.clear();
+    if let Some(note) = servo.last_look() {
+        let now_s = log.rows.last_s();
+        log.take_health(note, now_s);
+    }
+    if let Some(sentence) = log.watched.silence() {
+        crate::output::say(&sentence);
+    }
+    log.facts.health = std::mem::take(&mut log.watched).summary();
     log.facts.rest = feed.bring_to_rest(&mut servo);
     log.facts.limit_violations = feed.limit_violations();
     log.facts.dropped_pairs = feed.dropped_pairs();
@@ -156,6 +165,7 @@ struct Log {
     still: Still,
     panel: Panel,
     watch: Stopwatch,
+    watched: Watched,
 }
 
 impl Log {
@@ -185,6 +195,7 @@ impl Log {
             still: Still::new(info.pairs),
             panel: Panel::new(plan.headless),
             watch: Stopwatch::start(),
+            watched: Watched::default(),
         }
     }
 
@@ -201,9 +212,12 @@ impl Log {
         feed: &Feed,
         servo: &Servo,
         pair: &StereoFrame,
-        step: Step,
+        mut step: Step,
         plan: &Plan,
     ) -> anyhow::Result<Row> {
+        if let Some(note) = step.health.take() {
+            self.take_health(note, step.capture_s);
+        }
         let turned = match &mut self.electronic {
             Some(electronic) => Some(electronic.turn(&step)?),
             None => None,
@@ -220,7 +234,9 @@ impl Log {
         let row = row_from_step(feed.truth_of(&scene.step), &scene, &plan.screening);
         let latency_s = self.take_times(&scene.step);
         self.take_events(&scene.step);
-        self.panel.show(&row, self.watch.elapsed_s(), latency_s);
+        let health = self.watched.brief();
+        self.panel
+            .show(&row, self.watch.elapsed_s(), latency_s, health);
         self.rows.take(&row);
         self.drawn.take(&row);
         self.take_pictures(pair, scene)?;
@@ -239,6 +255,14 @@ impl Log {
         }
         note("loop", step.times.total_s());
         latency_s
+    }
+
+    /// Keep what a look at the rig said; a verdict that changes is told at once.
+    fn take_health(&mut self, note: HealthNote, now_s: f64) {
+        if let Some(sentence) = self.watched.take(note, now_s) {
+            self.panel.clear();
+            crate::output::say(&sentence);
+        }
     }
 
     fn take_events(&mut self, step: &Step) {

@@ -54,6 +54,8 @@ impl Electronic {
     /// How the pair of a step is turned; once per step, in order. Both axes go to the target, as motors would have turned them, as long as
     /// it was seen a moment ago; without one they go back to rest, where nothing is turned.
     pub(crate) fn turn(&mut self, step: &Step) -> anyhow::Result<Turned> {
+        // What was corrected of the calibration is where the cameras stand.
+        self.base_from_cam = step.base_from_cam;
         let target = known_target(step);
         self.target_in_base = target.or(self.target_in_base);
         let passed_s = self.last_s.map_or(THERE_S, |last| step.capture_s - last);

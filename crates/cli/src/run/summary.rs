@@ -8,6 +8,7 @@ use vergence_control::RunningMode;
 use super::record::Row;
 use super::rest::Rest;
 use super::statistics::{Quantiles, Spread, Tally};
+use super::watched::HealthSummary;
 
 /// How far a sighting may be from the target's true place, across the line of sight, and still be called tracked, metres:
 /// half of a person's width and a bit.
@@ -48,6 +49,7 @@ pub(crate) struct Summary {
     pub(crate) by_distance: Vec<DistanceBin>,
     pub(crate) range_error: Option<RangeError>,
     pub(crate) filter: FilterFigures,
+    pub(crate) health: Option<HealthSummary>,
     pub(crate) latency_ms: Option<Quantiles>,
     pub(crate) stage_ms: BTreeMap<&'static str, Quantiles>,
     pub(crate) limit_violations: u64,
@@ -132,6 +134,7 @@ pub(crate) struct Facts {
     pub(crate) transitions: Vec<Change>,
     pub(crate) events_left_out: u64,
     pub(crate) limit_violations: u64,
+    pub(crate) health: Option<HealthSummary>,
     pub(crate) rest: Option<Rest>,
 }
 
@@ -266,6 +269,11 @@ impl Rows {
         }
     }
 
+    /// Capture time of the newest row, s.
+    pub(crate) fn last_s(&self) -> f64 {
+        self.last_s
+    }
+
     /// Whether no row has come.
     pub(crate) fn is_empty(&self) -> bool {
         self.frames == 0
@@ -310,6 +318,7 @@ impl Rows {
                 .filter_map(|(name, s)| Some((*name, milliseconds(s.quantiles()?))))
                 .collect(),
             limit_violations: facts.limit_violations,
+            health: facts.health,
             rest: facts.rest,
         }
     }

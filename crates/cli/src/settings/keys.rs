@@ -32,6 +32,8 @@ pub(crate) enum Range {
     FromZero,
     /// From the first to the second, both allowed.
     Within(f64, f64),
+    /// 0, or from the first to the second.
+    ZeroOrWithin(f64, f64),
 }
 
 /// One setting.
@@ -75,6 +77,7 @@ pub(crate) const SECTIONS: &[(&str, &str)] = &[
     ("motors.vergence", "The vergence axis of each camera, + towards the other one; angles at the output of its gear."),
     ("motors.home", "What the simulated motors' zero is off by; the controller does not know it."),
     ("run", "What `vergence run` does."),
+    ("run.knock", "Something that hits the simulated right camera in mid-run; the loop is not told."),
 ];
 
 /// Rules that can give the verdict of a plan: those over horizontal parallax that know a comfortable limit.
@@ -129,7 +132,7 @@ use Dimension::{
     Angle, AngularAcceleration, AngularJerk, AngularVelocity, Fraction, Length, Number, Rate, Time,
 };
 use Kind::{Choice, Count, QuantityOrAuto, Switch, Text};
-use Range::{Any, FromZero, Positive, Within};
+use Range::{Any, FromZero, Positive, Within, ZeroOrWithin};
 
 /// The keys of one kind of axis; a macro, since they differ in numbers only.
 #[rustfmt::skip]
@@ -229,12 +232,24 @@ const RUN: &[Key] = &[
     other("run", "seed", Count, "1", Within(0.0, 9_007_199_254_740_992.0), "Seed of all randomness; the same seed gives the same run."),
     other("run", "seconds", QuantityOrAuto(Time), "auto", Positive, "Length of the run. auto: as long as the path."),
     other("run", "light", Choice(&["day", "dim"]), "day", Any, "Light in the simulated room."),
+    quantity("run", "health", Time, "1 s", ZeroOrWithin(0.2, 3600.0), "Time between two looks at whether the rig is still as calibrated, at least 0.2 s; 0 never looks."),
+    other("run", "correct", Switch, "true", Any, "Whether a drift of the right camera (pitch, vergence, roll) is taken into account as far as it is certain."),
     other("run", "out", Text, "runs", Any, "Folder in which each run makes its own folder."),
+];
+
+#[rustfmt::skip]
+const KNOCK: &[Key] = &[
+    quantity("run.knock", "time", Time, "5 s", FromZero, "When it happens."),
+    quantity("run.knock", "pitch", Angle, "0 deg", Within(-0.35, 0.35), "How much higher the camera looks from then on."),
+    quantity("run.knock", "yaw", Angle, "0 deg", Within(-0.35, 0.35), "How much further right it looks."),
+    quantity("run.knock", "roll", Angle, "0 deg", Within(-0.35, 0.35), "How much it is rolled clockwise, as seen from behind."),
 ];
 
 /// All keys in the order of printing.
 pub(crate) fn all() -> impl Iterator<Item = &'static Key> {
-    [RIG, CAMERA, SCREEN, PLAN, PAN, TILT, VERGENCE, HOME, RUN]
-        .into_iter()
-        .flatten()
+    [
+        RIG, CAMERA, SCREEN, PLAN, PAN, TILT, VERGENCE, HOME, RUN, KNOCK,
+    ]
+    .into_iter()
+    .flatten()
 }

@@ -91,6 +91,13 @@ fn facts(key: &Key) -> String {
                 d.format(high, like(key))
             )
         }
+        (Range::ZeroOrWithin(low, high), Some(d)) => {
+            format!(
+                ", 0 or from {} to {}",
+                d.format(low, like(key)),
+                d.format(high, like(key))
+            )
+        }
         _ => String::new(),
     };
     format!("({kind}{range}; default {})", key.default)
