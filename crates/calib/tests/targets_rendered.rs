@@ -1,6 +1,6 @@
 //! Targets found in rendered pictures, whose corners are known exactly.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
 
 #[allow(dead_code, reason = "shared with an example")]
 mod boards;

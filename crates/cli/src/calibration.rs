@@ -8,20 +8,25 @@ use vergence_calib::{LengthUnit, MAX_FILE_BYTES, MachineCalibration, ReadOptions
 use crate::fault::{self, Fault};
 use crate::output;
 
-/// Flags that say where the cameras stand.
+/// Flags that say where the cameras stand. A command says by `mut_arg` when `--calibration` is needed.
 #[derive(Debug, clap::Args)]
 pub(crate) struct CalibrationFlags {
     /// Calibration of the pair in any known format (of ROS and OpenCV's samples both files), or of the machine with --motors.
-    #[arg(long, value_name = "FILE", num_args = 1..=2, required = true)]
+    #[arg(long, value_name = "FILE", num_args = 1..=2)]
     pub(crate) calibration: Vec<PathBuf>,
     /// Which cameras of a calibration of many: LEFT,RIGHT by name or serial.
-    #[arg(long, value_name = "LEFT,RIGHT")]
+    #[arg(long, value_name = "LEFT,RIGHT", requires = "calibration")]
     pub(crate) cameras: Option<String>,
     /// Where the motors of a calibrated machine stood, steps: pan, tilt, left and right vergence.
-    #[arg(long, value_name = "PAN,TILT,LEFT,RIGHT", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "PAN,TILT,LEFT,RIGHT",
+        allow_hyphen_values = true,
+        requires = "calibration"
+    )]
     pub(crate) motors: Option<String>,
     /// Unit of the translations in a file of OpenCV, ROS or Kalibr: m, cm, mm, in [default: what the file says, else m].
-    #[arg(long, value_name = "UNIT", value_parser = unit)]
+    #[arg(long, value_name = "UNIT", value_parser = unit, requires = "calibration")]
     pub(crate) unit: Option<LengthUnit>,
 }
 
@@ -45,7 +50,7 @@ impl CalibrationFlags {
 }
 
 /// A rig from one file or two, for pictures of these sizes (left, right).
-pub(crate) fn rig(
+fn rig(
     paths: &[&Path],
     cameras: Option<&str>,
     motors: Option<&str>,

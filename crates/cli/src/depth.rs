@@ -20,6 +20,7 @@ use vergence_stereo::faults::swap::{SwapDecision, swap_from_map};
 use vergence_stereo::rectify::{Choices, Rectification};
 
 use crate::args::Global;
+use crate::calibration::CalibrationFlags;
 use crate::fault;
 use crate::output::{self, Format};
 use crate::settings::quantity::{Dimension, significant};
@@ -59,6 +60,9 @@ enum FillChoice {
 /// Flags of `vergence depth`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = AFTER)]
+#[command(mut_arg("calibration", |arg| {
+    arg.conflicts_with_all(["rectified", "focal_px", "baseline_m", "doffs_px"])
+}))]
 pub(crate) struct DepthArgs {
     /// The left camera's picture.
     #[arg(long, value_name = "FILE", help_heading = "Inputs")]
@@ -69,34 +73,9 @@ pub(crate) struct DepthArgs {
     /// The pictures are rectified: rows correspond.
     #[arg(long, help_heading = "Inputs", required_unless_present = "calibration")]
     rectified: bool,
-    /// Calibration of the pair, by which it is rectified first.
-    #[arg(
-        long,
-        value_name = "FILE",
-        help_heading = "Inputs",
-        conflicts_with_all = ["rectified", "focal_px", "baseline_m", "doffs_px"]
-    )]
-    calibration: Option<PathBuf>,
-    /// Which cameras of a calibration of many: LEFT,RIGHT by name or serial.
-    #[arg(
-        long,
-        value_name = "LEFT,RIGHT",
-        help_heading = "Inputs",
-        requires = "calibration"
-    )]
-    cameras: Option<String>,
-    /// Where the motors of a calibrated machine stood, steps: pan, tilt, left and right vergence.
-    #[arg(
-        long,
-        value_name = "PAN,TILT,LEFT,RIGHT",
-        help_heading = "Inputs",
-        requires = "calibration",
-        allow_hyphen_values = true
-    )]
-    motors: Option<String>,
-    /// Unit of the translations in a calibration of OpenCV, ROS or Kalibr: m, cm, mm, in [default: what the file says, else m].
-    #[arg(long, value_name = "UNIT", value_parser = crate::calibration::unit, requires = "calibration")]
-    unit: Option<vergence_calib::LengthUnit>,
+    /// By which the pair is rectified first.
+    #[command(flatten)]
+    calibration: CalibrationFlags,
     /// Focal length of the rectified pictures, pixels; with --baseline-m depth becomes metric.
     #[arg(
         long,
@@ -234,8 +213,8 @@ pub(crate) fn run(_: &Global, args: &DepthArgs) -> anyhow::Result<()> {
 
 /// The pair, rectified.
 fn rectified(args: &DepthArgs) -> anyhow::Result<Rectified> {
-    if let Some(path) = &args.calibration {
-        return by_calibration(path, args);
+    if !args.rectified {
+        return by_calibration(args);
     }
     let metric = match (args.focal_px, &args.baseline_m) {
         (Some(focal_px), Some(text)) => Some((focal_px, baseline(focal_px, text, args.doffs_px)?)),
@@ -260,11 +239,10 @@ fn rectified(args: &DepthArgs) -> anyhow::Result<Rectified> {
 }
 
 /// The pair rectified by a calibration.
-fn by_calibration(path: &Path, args: &DepthArgs) -> anyhow::Result<Rectified> {
+fn by_calibration(args: &DepthArgs) -> anyhow::Result<Rectified> {
     let pictures = [picture(&args.left)?, picture(&args.right)?];
     let sizes = [pictures[0].size(), pictures[1].size()];
-    let (cameras, motors) = (args.cameras.as_deref(), args.motors.as_deref());
-    let rig = crate::calibration::rig(&[path], cameras, motors, args.unit, sizes)?;
+    let rig = args.calibration.rig(sizes)?;
     let plan = Rectification::new(&rig.cameras, &rig.base_from_cam, &Choices::default())
         .map_err(|e| fault::usage(e.to_string()))?;
     let rectified = |eye: Eye| {

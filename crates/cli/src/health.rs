@@ -4,12 +4,14 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use serde::Serialize;
+use vergence_calib::RigCalibration;
 use vergence_calib::health::{
     DriftKind, GOOD_PX, Health, HealthMonitor, HealthVerdict, RECALIBRATE_PX,
 };
 use vergence_imaging::colour::luma_from_rgb;
 use vergence_imaging::files::read_rgb;
 use vergence_servo::watch::matches_of;
+use vergence_stereo::rectify::{Choices, Rectification};
 
 use crate::calibrate::lists;
 use crate::calibration::CalibrationFlags;
@@ -39,6 +41,7 @@ Exit code 0: good; 1: look or recalibrate (or failed); 2: the call cannot be ans
 /// Flags of `vergence health`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = AFTER)]
+#[command(mut_arg("calibration", |arg| arg.required(true)))]
 pub(crate) struct HealthArgs {
     /// The left camera's pictures, or a folder of them.
     #[arg(long, value_name = "FILES", num_args = 1.., required = true)]
@@ -107,23 +110,26 @@ pub(crate) fn run(args: &HealthArgs) -> anyhow::Result<()> {
         .collect();
     let mut monitor = HealthMonitor::new(1.0);
     let mut skipped = Vec::new();
-    let mut rig = None;
+    let mut known: Option<Known> = None;
     for pair in &pairs {
         let pictures = [read(pair[0])?, read(pair[1])?];
         let sizes = [pictures[0].size(), pictures[1].size()];
-        let known = match &rig {
-            Some((known, rig)) if *known == sizes => rig,
-            _ => &rig.insert((sizes, args.calibration.rig(sizes)?)).1,
+        let rig = match &known {
+            Some(rig) if rig.sizes == sizes => rig,
+            _ => known.insert(Known::of(sizes, args)?),
         };
-        match matches_of(known, &pictures.each_ref().map(luma_from_rgb)) {
-            Ok(matches) => monitor.update(known, &matches),
+        match matches_of(&rig.plan, &pictures.each_ref().map(luma_from_rgb)) {
+            Ok(matches) => monitor.update(&rig.calibration, &matches),
             Err(reason) => skipped.push(Skipped {
                 file: pair[0].display().to_string(),
                 reason,
             }),
         }
     }
-    let Some((_, rig)) = rig else {
+    let Some(Known {
+        calibration: rig, ..
+    }) = known
+    else {
         return Err(fault::usage("no pairs were named").into());
     };
     let health = monitor.health(&rig).ok_or_else(|| {
@@ -151,6 +157,27 @@ pub(crate) fn run(args: &HealthArgs) -> anyhow::Result<()> {
     match health.verdict {
         HealthVerdict::Good => Ok(()),
         worse => Err(fault::failed(format!("the rig's health: {}", worse.id())).into()),
+    }
+}
+
+/// The rig for pictures of one size, with how they are rectified.
+struct Known {
+    sizes: [(usize, usize); 2],
+    calibration: RigCalibration,
+    plan: Rectification,
+}
+
+impl Known {
+    fn of(sizes: [(usize, usize); 2], args: &HealthArgs) -> anyhow::Result<Self> {
+        let calibration = args.calibration.rig(sizes)?;
+        let (cameras, poses) = (&calibration.cameras, &calibration.base_from_cam);
+        let plan = Rectification::new(cameras, poses, &Choices::default())
+            .map_err(|e| fault::usage(e.to_string()))?;
+        Ok(Self {
+            sizes,
+            calibration,
+            plan,
+        })
     }
 }
 

@@ -79,6 +79,7 @@ impl KernelChoice {
 /// Flags of `vergence rectify`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = AFTER)]
+#[command(mut_arg("calibration", |arg| arg.required(true)))]
 pub(crate) struct RectifyArgs {
     /// The left eye's pictures, or a folder of them.
     #[arg(long, value_name = "FILES", num_args = 1.., required = true)]

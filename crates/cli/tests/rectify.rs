@@ -1,7 +1,7 @@
 //! Proves what `vergence rectify` writes, says and refuses, on a small pair of its own. That rows agree is proved in `stereo`.
 
 // In tests a failed unwrap is the failure.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
 
 mod common;
 

@@ -63,6 +63,12 @@ impl Intrinsics {
     pub fn matrix(&self) -> Matrix3<f64> {
         Matrix3::new(self.fx, 0.0, self.cx, 0.0, self.fy, self.cy, 0.0, 0.0, 1.0)
     }
+
+    /// Its inverse, written out: takes homogeneous pixels to directions in the camera's frame at z = 1.
+    pub fn inverse_matrix(&self) -> Matrix3<f64> {
+        let (a, b) = (1.0 / self.fx, 1.0 / self.fy);
+        Matrix3::new(a, 0.0, -self.cx * a, 0.0, b, -self.cy * b, 0.0, 0.0, 1.0)
+    }
 }
 
 /// A camera: intrinsics and distortion.

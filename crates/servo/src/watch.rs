@@ -215,7 +215,11 @@ fn looked(
     poses: &[Isometry3<f64>; 2],
 ) -> Looked {
     let rig = rig_from_poses(cameras, poses);
-    let found = rig.and_then(|rig| Ok((matches_of(&rig, &pictures)?, rig)));
+    let found = rig.and_then(|rig| {
+        let plan = Rectification::new(&rig.cameras, &rig.base_from_cam, &Choices::default())
+            .map_err(|e| e.to_string())?;
+        Ok((matches_of(&plan, &pictures)?, rig))
+    });
     let mut rect_from_right = UnitQuaternion::identity();
     let (health, skipped) = match found {
         Ok((matches, rig)) => {
@@ -246,15 +250,12 @@ fn rig_from_poses(
     RigCalibration::from_poses(pose(0, "left"), pose(1, "right")).map_err(|e| e.to_string())
 }
 
-/// Matched points of a pair as pixels of its own pictures. They are looked for in the rectified pictures, where eyes that stand askew look
-/// alike.
+/// Matched points of a pair as pixels of its own pictures. They are looked for in the pictures rectified by `plan`, where eyes that stand askew
+/// look alike.
 ///
 /// # Errors
 /// A sentence: why the pair cannot be rectified or matched.
-pub fn matches_of(rig: &RigCalibration, pictures: &[Gray; 2]) -> Result<Vec<Match>, String> {
-    let (cameras, poses) = (&rig.cameras, &rig.base_from_cam);
-    let plan =
-        Rectification::new(cameras, poses, &Choices::default()).map_err(|e| e.to_string())?;
+pub fn matches_of(plan: &Rectification, pictures: &[Gray; 2]) -> Result<Vec<Match>, String> {
     let rectified = |eye: Eye| {
         plan.rectified(eye, &pictures[eye as usize], Kernel::Bicubic, 0)
             .map_err(|e| e.to_string())

@@ -21,6 +21,7 @@ use vergence_imaging::colour::luma_from_rgb;
 use vergence_scene::{Light, PathSpec, Renderer, Shot, TwinCamera, World, WorldConfig};
 use vergence_servo::watch::matches_of;
 use vergence_servo::{Motors, Rigging, Servo, ServoSettings, WatchSettings};
+use vergence_stereo::rectify::{Choices, Rectification};
 
 const DEG: f64 = std::f64::consts::PI / 180.0;
 
@@ -85,7 +86,8 @@ fn told(world: &Arc<World>, seed: u64, planted: Planted) -> Health {
         };
         let [left, right] = &mut eyes;
         renderer.render_pair(&shot, [left, right]);
-        let matches = matches_of(&rig, &eyes.each_ref().map(luma_from_rgb)).unwrap();
+        let plan = Rectification::new(&rig.cameras, &rig.base_from_cam, &Choices::default());
+        let matches = matches_of(&plan.unwrap(), &eyes.each_ref().map(luma_from_rgb)).unwrap();
         monitor.update(&rig, &matches);
         newest = monitor.health(&rig);
     }
@@ -248,7 +250,7 @@ fn run(config: TwinConfig, watch: WatchSettings) -> (Vec<Look>, Vec<(f64, f64)>)
     (looks, rows)
 }
 
-/// A camera is knocked by 0.15° of pitch and 0.1° of roll at 2.5 s: until then all is good; within 2.6 s (two looks that agree, a second apart, and
+/// A camera is knocked by 0.15° of pitch, 0.5° of yaw and 0.1° of roll at 2.5 s: until then all is good; within 2.6 s (two looks that agree, a second apart, and
 /// half a second of work) the verdict is recalibrate; from then on the rows of half-size pictures are within 0.05 px where they were off by
 /// nearly two. Twice the same.
 #[test]
@@ -259,7 +261,7 @@ fn a_knocked_camera_is_noticed_and_corrected() {
         knock: Knock {
             time_s: 2.5,
             pitch_rad: 0.15 * DEG,
-            yaw_rad: 0.0,
+            yaw_rad: 0.5 * DEG,
             roll_rad: 0.1 * DEG,
         },
         ..TwinConfig::default()
@@ -287,7 +289,12 @@ fn a_knocked_camera_is_noticed_and_corrected() {
             assert_eq!(*verdict, HealthVerdict::Recalibrate);
         }
     }
-    assert!(looks.iter().any(|l| l.0 >= 5.1));
+    let last = looks.last().unwrap();
+    assert!(last.0 >= 5.1);
+    // What is corrected is what was planted, each with its sign.
+    for (found, (planted, bound)) in last.2.iter().zip([(0.15, 0.01), (0.5, 0.06), (0.1, 0.01)]) {
+        assert!((found / DEG - planted).abs() < bound, "{last:?}");
+    }
     assert!(worst(0.0, 2.4) < 0.05);
     assert!(worst(2.6, 3.6) > 1.5);
     assert!(worst(5.1, 6.1) < 0.05);

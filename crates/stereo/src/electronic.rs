@@ -248,18 +248,7 @@ pub fn fixed_from_turned_homography(
     turned: &Intrinsics,
     fixed_from_turned: &Rotation3<f64>,
 ) -> Matrix3<f64> {
-    let k = turned;
-    let inverse = Matrix3::new(
-        1.0 / k.fx,
-        0.0,
-        -k.cx / k.fx,
-        0.0,
-        1.0 / k.fy,
-        -k.cy / k.fy,
-        0.0,
-        0.0,
-        1.0,
-    );
+    let inverse = turned.inverse_matrix();
     fixed.matrix() * fixed_from_turned.matrix() * inverse
 }
 

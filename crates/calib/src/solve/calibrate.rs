@@ -576,11 +576,8 @@ fn finished(
     // Of the robust cost, not of the squares: a few wild corners must not widen all figures.
     let error_scale = (2.0 * normal.cost / freedom as f64).sqrt();
     let variance = error_scale * error_scale;
-    let couplings = normal
-        .places
-        .iter()
-        .zip(inverses)
-        .zip(&taken.placements)
+    let blocks = normal.places.iter().zip(inverses).zip(&taken.placements);
+    let couplings = blocks
         .map(|((block, own), placement)| Coupling {
             placement: *placement,
             own: own * variance,
@@ -597,6 +594,10 @@ fn finished(
         let own = all.iter().filter(|(c, _)| *c == camera);
         rms(&own.flat_map(|(_, e)| e.iter().copied()).collect::<Vec<_>>())
     };
+    let takes_part = |shot: &usize| rejected.iter().all(|r| r.shot != *shot);
+    let used: Vec<Shot> = ((0..shots.len()).filter(takes_part))
+        .map(|i| shots[i].clone())
+        .collect();
     let mut calibration = Calibration {
         models: settings.models.clone(),
         camera_rms_px: (0..state.cameras.len()).map(of_camera).collect(),
@@ -607,10 +608,7 @@ fn finished(
         shot_rms_px: shots
             .iter()
             .enumerate()
-            .map(|(i, shot)| {
-                let out = rejected.iter().any(|r| r.shot == i);
-                (!out).then(|| rms(&squared_errors(shot, &state)))
-            })
+            .map(|(i, shot)| takes_part(&i).then(|| rms(&squared_errors(shot, &state))))
             .collect(),
         placements: (0..state.placements.len())
             .map(|p| {
@@ -633,13 +631,6 @@ fn finished(
         couplings,
         unknowns: problem.unknowns,
     };
-    let left_out: Vec<usize> = calibration.rejected.iter().map(|r| r.shot).collect();
-    let used: Vec<Shot> = shots
-        .iter()
-        .enumerate()
-        .filter(|(i, _)| !left_out.contains(i))
-        .map(|(_, shot)| shot.clone())
-        .collect();
     calibration.weaknesses = checks::weaknesses(&calibration, &used, settings)?;
     Ok(calibration)
 }

@@ -52,7 +52,7 @@ impl Chessboard {
 /// boards that cannot be mistaken and for a single camera.
 ///
 /// # Errors
-/// [`CalibError::Views`], with the remedy: more than two cameras, for which this is not resolved; pictures that do not tell, such as boards all
+/// [`CalibError::Views`], with the remedy: a camera that cannot be calibrated alone; more than two cameras, for which this is not resolved; pictures that do not tell, such as boards all
 /// held alike.
 pub fn orient(
     shots: &mut [Shot],
@@ -70,12 +70,8 @@ pub fn orient(
             "only two cameras can settle which way round it was read",
         ));
     }
-    let own = [0, 1].map(|camera| own_poses(shots, settings, camera));
-    let [Ok(mut poses), Ok(right)] = own else {
-        // A camera that cannot be calibrated alone cannot be with another either, and there the reason is told.
-        return Ok(0);
-    };
-    for (pose, right) in poses.iter_mut().zip(right) {
+    let mut poses = own_poses(shots, settings, 0)?;
+    for (pose, right) in poses.iter_mut().zip(own_poses(shots, settings, 1)?) {
         *pose = pose.or(right);
     }
     let moved = shots.iter().any(|s| s.motors != shots[0].motors);

@@ -93,17 +93,7 @@ pub(super) fn fill(
     map: &mut Map,
     work: &mut MapWork,
 ) {
-    let pixels = Matrix3::new(
-        1.0 / k.fx,
-        0.0,
-        -k.cx / k.fx,
-        0.0,
-        1.0 / k.fy,
-        -k.cy / k.fy,
-        0.0,
-        0.0,
-        1.0,
-    );
+    let pixels = k.inverse_matrix();
     let view = View {
         lens,
         matrix: cam_from_rect.matrix() * pixels,
