@@ -18,18 +18,29 @@ repeats = int(sys.argv[2])
 aruco = cv2.aruco
 
 
-def classic(grey):
-    ok, corners = cv2.findChessboardCorners(grey, (9, 6))
-    if not ok:
-        return []
-    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
-    corners = cv2.cornerSubPix(grey, corners, (5, 5), (-1, -1), criteria)
+def numbered(corners):
     return [[i, float(x), float(y)] for i, (x, y) in enumerate(corners.reshape(-1, 2))]
 
 
-def sectors(grey):
-    ok, corners = cv2.findChessboardCornersSB(grey, (9, 6))
-    return [[i, float(x), float(y)] for i, (x, y) in enumerate(corners.reshape(-1, 2))] if ok else []
+def classic(window):
+    """The classic detector and cornerSubPix; windows reach this far to each side, as OpenCV counts them."""
+
+    def detect(grey):
+        ok, corners = cv2.findChessboardCorners(grey, (9, 6))
+        if not ok:
+            return []
+        criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
+        return numbered(cv2.cornerSubPix(grey, corners, (window, window), (-1, -1), criteria))
+
+    return detect
+
+
+def sectors(flags):
+    def detect(grey):
+        ok, corners = cv2.findChessboardCornersSB(grey, (9, 6), flags=flags)
+        return numbered(corners) if ok else []
+
+    return detect
 
 
 def charuco(columns, rows, square, marker, name, legacy, inverted):
@@ -47,8 +58,16 @@ def charuco(columns, rows, square, marker, name, legacy, inverted):
 
 
 sets = [
-    ("opencv_chessboard", "classic", classic),
-    ("opencv_chessboard", "sector-based", sectors),
+    ("opencv_chessboard", "classic", classic(5)),
+    ("opencv_chessboard", "classic, win 3", classic(3)),
+    ("opencv_chessboard", "classic, win 7", classic(7)),
+    ("opencv_chessboard", "classic, win 9", classic(9)),
+    ("opencv_chessboard", "sector-based", sectors(0)),
+    (
+        "opencv_chessboard",
+        "sectors, exact",
+        sectors(cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY),
+    ),
     ("charuco_pair_cam0_cam3", "charuco", charuco(4, 5, 0.054, 0.0405, "DICT_4X4_1000", False, True)),
     ("charuco_single", "charuco", charuco(5, 7, 0.04, 0.02, "DICT_6X6_250", True, False)),
 ]

@@ -207,7 +207,7 @@ impl DepthMatcher {
     ) -> DepthMap {
         let count = (range[1] - range[0] + 1) as usize;
         let first = range[0] - shift;
-        let prior = prior::Prior::new(left, right, first, count);
+        let prior = prior::Prior::new(left, right, first, count, &mut self.kept);
         let features = cost::Features::new(left, right, first, count, prior);
         let winners = sweep::winners(&features, &sweep::Penalties::default(), &mut self.kept);
         drop(features);

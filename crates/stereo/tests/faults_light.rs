@@ -254,18 +254,16 @@ fn table(pairs: &[recorded::RealPair], only: &[&str]) -> Vec<(String, [f64; 2])>
     all
 }
 
-/// Three recorded pairs, alone and mixed, within the goals.
+/// Two recorded pairs, alone and mixed, within the goals.
 #[test]
 fn planted_into_recorded_pairs() {
     let Some(data) = recorded::data_folder("planted_into_recorded_pairs") else {
         return;
     };
     let mut pairs = recorded::disparity_pairs(&data);
-    pairs.retain(|p| ["cones", "dolls", "motorcycle"].contains(&p.name.as_str()));
+    pairs.retain(|p| ["cones", "motorcycle"].contains(&p.name.as_str()));
     let only = [
-        "gain 1.06",
         "gain 0.9, offset 8",
-        "blur 0.5",
         "blur 2",
         "blur 1.5, gain 0.92, offset 5, noise 3",
         "left blur 1, right noise 3",

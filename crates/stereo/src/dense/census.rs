@@ -11,7 +11,7 @@ const HALF: [isize; 2] = [4, 3];
 pub(super) const OUTSIDE: u8 = 26;
 
 /// So many words are made at a time, which registers hold while all neighbours are looked at.
-const WORDS: usize = 16;
+const WORDS: usize = 32;
 
 /// One bit for each neighbour that is darker than the middle, row by row; the border repeats the picture's edge.
 pub(crate) fn census(picture: &Gray) -> Plane<u64> {
@@ -38,6 +38,9 @@ pub(crate) fn census(picture: &Gray) -> Plane<u64> {
     Plane::from_samples(width, height, words)
 }
 
+/// Neighbours in the window.
+const NEIGHBOURS: usize = ((2 * HALF[0] + 1) * (2 * HALF[1] + 1) - 1) as usize;
+
 /// Rows of the window.
 const ROWS: usize = 2 * HALF[1] as usize + 1;
 
@@ -50,7 +53,10 @@ fn words_of_row(around: &[&[u8]; ROWS], out: &mut [u64]) {
             std::array::from_fn(|k| around[row][from..from + WORDS][k])
         };
         let middle = at(above, beside);
+        // Eight neighbours fill a byte of each word: bytes are a quarter or less of the registers that words take.
         let mut words = [0u64; WORDS];
+        let mut bits = [0u8; WORDS];
+        let mut count = 0;
         for row in 0..ROWS {
             for dx in 0..=2 * beside {
                 if (row, dx) == (above, beside) {
@@ -58,7 +64,14 @@ fn words_of_row(around: &[&[u8]; ROWS], out: &mut [u64]) {
                 }
                 let near = at(row, dx);
                 for k in 0..WORDS {
-                    words[k] = words[k] << 1 | u64::from(near[k] < middle[k]);
+                    bits[k] = bits[k] << 1 | u8::from(near[k] < middle[k]);
+                }
+                count += 1;
+                if count % 8 == NEIGHBOURS % 8 {
+                    for k in 0..WORDS {
+                        words[k] = words[k] << 8 | u64::from(bits[k]);
+                    }
+                    bits = [0; WORDS];
                 }
             }
         }

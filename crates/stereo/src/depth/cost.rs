@@ -16,10 +16,7 @@ const MOST: u8 = 63;
 const STEEPEST: i32 = 31;
 
 /// Differences of grey are cut off here, levels: two cameras that expose differently must not outvote the census, which does not care.
-const LARGEST_STEP: u16 = 31;
-
-/// Weights of a bit of the census, of a level of gradient and of a level of grey, in sixteenths. At most 23, 15 and 11 of the largest cost.
-const WEIGHTS: [u16; 3] = [6, 4, 6];
+const LARGEST_STEP: u8 = 31;
 
 /// What a disparity costs more that is farther than all that a small map of the pair has around the place: little beside a mismatch, enough
 /// between repeats of a pattern.
@@ -161,36 +158,88 @@ pub(super) struct Costs<'a> {
     expected: &'a [usize],
 }
 
-impl Costs<'_> {
-    /// The costs of one pixel, 0 to [`MOST`]: left column x against right column `x - first - k`; columns outside repeat the edge.
+impl<'a> Costs<'a> {
+    /// What the costs of left column x compare.
     #[inline(always)]
-    pub(super) fn at(&self, x: usize, out: &mut [u8]) {
+    pub(super) fn at(&self, x: usize) -> PixelCosts<'a> {
         let start = self.words[0].len() - 1 - x;
-        let there = start..start + out.len();
-        let word = self.words[0][x];
-        for (o, &w) in out.iter_mut().zip(&self.words[1][there.clone()]) {
-            *o = (word ^ w).count_ones() as u8;
+        PixelCosts {
+            word: self.words[0][x],
+            slope: self.slopes[0][x],
+            gray: self.grays[0][x],
+            words: &self.words[1][start..],
+            slopes: &self.slopes[1][start..],
+            grays: &self.grays[1][start..],
+            expected: self.expected.get(x).map_or(0, |&from| from),
+            wanted: self.wanted,
         }
-        let (slope, gray) = (self.slopes[0][x], self.grays[0][x]);
-        let others = (self.slopes[1][there.clone()].iter()).zip(&self.grays[1][there]);
-        for (o, (&s, &g)) in out.iter_mut().zip(others) {
-            *o = cost(u16::from(*o), slope.abs_diff(s), gray.abs_diff(g));
-        }
-        if let Some(&from) = self.expected.get(x) {
-            for cost in &mut out[..from] {
-                *cost = (*cost + UNEXPECTED).min(MOST);
-            }
-        }
-        out[self.wanted..].fill(MOST);
     }
 }
 
-/// The cost of differing bits, of a difference of gradients and one of grey values.
+/// What is compared at one pixel: its own, and the right eye's at each disparity.
+pub(super) struct PixelCosts<'a> {
+    word: u64,
+    slope: u8,
+    gray: u8,
+    words: &'a [u64],
+    slopes: &'a [u8],
+    grays: &'a [u8],
+    expected: usize,
+    wanted: usize,
+}
+
+impl PixelCosts<'_> {
+    /// The costs, 0 to [`MOST`], of `N` disparities from index `from` on: left column x against right column `x - first - k`; columns
+    /// outside repeat the edge.
+    #[inline(always)]
+    pub(super) fn block<const N: usize>(&self, from: usize) -> [u8; N] {
+        let words: &[u64; N] = self.words[from..].first_chunk().expect("a whole block");
+        let slopes: [u8; N] = *self.slopes[from..].first_chunk().expect("a whole block");
+        let grays: [u8; N] = *self.grays[from..].first_chunk().expect("a whole block");
+        let mut costs = [0; N];
+        for k in 0..N {
+            costs[k] = (self.word ^ words[k]).count_ones() as u8;
+        }
+        for k in 0..N {
+            let slope = self.slope.max(slopes[k]) - self.slope.min(slopes[k]);
+            let gray = self.gray.max(grays[k]) - self.gray.min(grays[k]);
+            costs[k] = cost(costs[k], slope, gray);
+        }
+        // Blocks are short, so that places in them fit a byte.
+        let places = const { places::<N>() };
+        if self.expected > from {
+            let near = (self.expected - from).min(N) as u8;
+            for k in 0..N {
+                costs[k] += if places[k] < near { UNEXPECTED } else { 0 };
+            }
+        }
+        if self.wanted < from + N {
+            let real = self.wanted.saturating_sub(from) as u8;
+            for k in 0..N {
+                costs[k] = if places[k] < real { costs[k] } else { MOST };
+            }
+        }
+        costs
+    }
+}
+
+/// 0, 1, 2 and so on.
+const fn places<const N: usize>() -> [u8; N] {
+    let mut places = [0; N];
+    let mut k = 0;
+    while k < N {
+        places[k] = k as u8;
+        k += 1;
+    }
+    places
+}
+
+/// The cost of differing bits, of a difference of gradients and one of grey values: their sum with [`WEIGHTS`], `(6 b + 4 s + 6 g) / 16`,
+/// in bytes: halved once, `b + g + (b + g) / 2 + s` is at most 201, and what halving drops is too little to be missed in the end.
 #[inline(always)]
-fn cost(bits: u16, slope: u8, gray: u8) -> u8 {
-    let step = u16::from(gray).min(LARGEST_STEP);
-    let sum = bits * WEIGHTS[0] + u16::from(slope) * WEIGHTS[1] + step * WEIGHTS[2];
-    (sum >> 4).min(u16::from(MOST)) as u8
+fn cost(bits: u8, slope: u8, gray: u8) -> u8 {
+    let both = bits + gray.min(LARGEST_STEP);
+    (both + (both >> 1) + slope) >> 2
 }
 
 #[cfg(test)]
@@ -214,8 +263,7 @@ mod tests {
             for y in [0, 4, 8] {
                 let row = row.of(&features, y);
                 for x in 0..23 {
-                    let mut costs = [0; 32];
-                    row.at(x, &mut costs);
+                    let costs: [u8; 32] = row.at(x).block(0);
                     assert_eq!(costs[30..], [MOST; 2]);
                     for (k, &found) in costs[..30].iter().enumerate() {
                         let xr = (x as i64 - i64::from(first) - k as i64).clamp(0, 28) as usize;

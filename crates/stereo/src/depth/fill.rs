@@ -108,17 +108,21 @@ const LEAST_SUPPORT: [f32; 2] = [0.5, 0.7];
 /// The map with its gaps filled by quantiles of what is around, weighed by the inverse way to it (hidden places) or its square; then a median
 /// over 3 x 3 pixels, of what is known.
 pub(super) fn filled(raw: &Plane<f32>, seen: &Plane<Seen>, left: &Gray, fill: Fill) -> Plane<f32> {
-    let near = |c: &Carried| 1.0 / (1.0 + c.way);
-    let nearest = |c: &Carried| near(c) * near(c);
-    let of_pixel = |seen: Seen, around: [Carried; 8]| {
+    let of_pixel = |seen: Seen, around: &Around| {
         let (d, least) = match seen {
             // What hides a place is often nearer than what it belongs to: here the way counts for less.
-            Seen::Occluded => (quantile(around, HIDDEN_SHARE, near), LEAST_SUPPORT[0]),
-            _ => (quantile(around, 0.5, nearest), LEAST_SUPPORT[1]),
+            Seen::Occluded => {
+                let d = quantile(around, &around.weights, HIDDEN_SHARE);
+                (d, LEAST_SUPPORT[0])
+            }
+            _ => {
+                let squares = around.weights.map(|w| w * w);
+                (quantile(around, &squares, 0.5), LEAST_SUPPORT[1])
+            }
         };
         let keep = match fill {
             Fill::None => false,
-            Fill::Likely => support(&around, d) >= least,
+            Fill::Likely => support(around, d) >= least,
             Fill::All => true,
         };
         (d, keep)
@@ -131,10 +135,7 @@ pub(super) fn filled(raw: &Plane<f32>, seen: &Plane<Seen>, left: &Gray, fill: Fi
     let [down, up] = carried(raw, seen, left);
     let both = down.par_iter().zip(up.par_iter().rev());
     let filled: Vec<(f32, bool)> = (gaps.par_iter().zip(both))
-        .map(|(&i, (d, u))| {
-            let around = [d[0], d[1], d[2], d[3], u[0], u[1], u[2], u[3]];
-            of_pixel(seen.samples()[i as usize], around)
-        })
+        .map(|(&i, (d, u))| of_pixel(seen.samples()[i as usize], &Around::new(d, u)))
         .collect();
     let mut map = raw.clone();
     for (&i, (d, _)) in gaps.iter().zip(&filled) {
@@ -150,29 +151,64 @@ pub(super) fn filled(raw: &Plane<f32>, seen: &Plane<Seen>, left: &Gray, fill: Fi
     map
 }
 
-/// The disparity that `share` of the weight lies below; NaN when nothing came.
-fn quantile(mut around: [Carried; 8], share: f32, weight: impl Fn(&Carried) -> f32) -> f32 {
-    // NaN sorts last; its way is infinite and its weight 0.
-    around.sort_unstable_by(|a, b| a.disparity.total_cmp(&b.disparity));
-    let wanted = share * around.iter().map(&weight).sum::<f32>();
-    let mut so_far = 0.0;
-    for c in &around {
-        so_far += weight(c);
-        if so_far >= wanted {
-            return c.disparity;
+/// What comes from eight directions: disparities, and weights, the inverse ways to them; 0 where nothing comes.
+struct Around {
+    disparities: [f32; 8],
+    weights: [f32; 8],
+}
+
+impl Around {
+    #[inline(always)]
+    fn new(down: &[Carried; 4], up: &[Carried; 4]) -> Self {
+        let all = [
+            down[0], down[1], down[2], down[3], up[0], up[1], up[2], up[3],
+        ];
+        Self {
+            disparities: all.map(|c| c.disparity),
+            weights: all.map(|c| 1.0 / (1.0 + c.way)),
         }
     }
-    around[0].disparity
+}
+
+/// The disparity that `share` of the weight lies below; NaN when nothing came.
+fn quantile(around: &Around, weights: &[f32; 8], share: f32) -> f32 {
+    // The order of `f32::total_cmp`: NaN comes last; its weight is 0.
+    let keys = around.disparities.map(|d| {
+        let bits = d.to_bits() as i32;
+        bits ^ ((bits >> 31) as u32 >> 1) as i32
+    });
+    // How many lie below each, of equal ones those before it: no branch, all eight at once.
+    let mut ranks = [0u32; 8];
+    for (j, &other) in keys.iter().enumerate() {
+        for (i, rank) in ranks.iter_mut().enumerate() {
+            *rank += u32::from(if j < i {
+                other <= keys[i]
+            } else {
+                other < keys[i]
+            });
+        }
+    }
+    let mut sorted = [(0.0, 0.0); 8];
+    for i in 0..8 {
+        sorted[ranks[i] as usize & 7] = (around.disparities[i], weights[i]);
+    }
+    let wanted = share * sorted.iter().map(|(_, weight)| weight).sum::<f32>();
+    let mut so_far = 0.0;
+    for (disparity, weight) in sorted {
+        so_far += weight;
+        if so_far >= wanted {
+            return disparity;
+        }
+    }
+    sorted[0].0
 }
 
 /// Share of what is around that agrees with `d`, weighed by the inverse way, 0 to 1.
-fn support(around: &[Carried; 8], d: f32) -> f32 {
-    let weight = |c: &Carried| 1.0 / (1.0 + c.way);
-    let all: f32 = around.iter().map(weight).sum();
-    let same = around
-        .iter()
-        .filter(|c| (c.disparity - d).abs() <= AGREE_PX);
-    same.map(weight).sum::<f32>() / all.max(f32::MIN_POSITIVE)
+fn support(around: &Around, d: f32) -> f32 {
+    let all: f32 = around.weights.iter().sum();
+    let pairs = around.disparities.iter().zip(&around.weights);
+    let same = pairs.filter(|(other, _)| (**other - d).abs() <= AGREE_PX);
+    same.map(|(_, weight)| weight).sum::<f32>() / all.max(f32::MIN_POSITIVE)
 }
 
 /// The median of 3 x 3 pixels; edges repeat.
@@ -218,5 +254,67 @@ fn median_row(above: &[f32], here: &[f32], below: &[f32], out: &mut [f32]) {
         let least_high = a2.min(b2).min(c2);
         let (_, median, _) = sorted(largest_low, middle, least_high);
         out[x] = median;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The quantile by its definition: sorted by the disparity, equal ones in their order, then added up.
+    fn plain(around: &Around, weights: &[f32; 8], share: f32) -> f32 {
+        let mut pairs: Vec<(f32, f32)> = (around
+            .disparities
+            .iter()
+            .copied()
+            .zip(weights.iter().copied()))
+        .collect();
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let wanted = share * pairs.iter().map(|p| p.1).sum::<f32>();
+        let mut so_far = 0.0;
+        for (d, weight) in &pairs {
+            so_far += weight;
+            if so_far >= wanted {
+                return *d;
+            }
+        }
+        pairs[0].0
+    }
+
+    /// Ranks counted without branches give, bit for bit, the quantile of the definition: with equal disparities, both signs, zeros of both
+    /// signs, and directions from which nothing comes.
+    #[test]
+    fn quantiles_are_those_of_the_definition() {
+        let mut state = 1u64;
+        let mut next = || {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            (state >> 40) as u32
+        };
+        let mut nothing = 0;
+        for _ in 0..4000 {
+            let mut carried = || match next() % 6 {
+                0 => NOTHING,
+                1 => Carried {
+                    disparity: -0.0,
+                    way: (next() % 50) as f32,
+                },
+                _ => Carried {
+                    disparity: (next() % 9) as f32 - 4.0,
+                    way: (next() % 50) as f32,
+                },
+            };
+            let [down, up]: [[Carried; 4]; 2] =
+                std::array::from_fn(|_| std::array::from_fn(|_| carried()));
+            let around = Around::new(&down, &up);
+            for share in [HIDDEN_SHARE, 0.5] {
+                let found = quantile(&around, &around.weights, share);
+                let expected = plain(&around, &around.weights, share);
+                assert_eq!(found.to_bits(), expected.to_bits());
+            }
+            nothing += usize::from(around.weights.contains(&0.0));
+        }
+        assert!(nothing > 1000, "{nothing}");
     }
 }

@@ -27,8 +27,14 @@ pub(super) struct Prior {
 }
 
 impl Prior {
-    /// Of a pair and the disparities `first` to `first + wanted - 1` px.
-    pub(super) fn new(left: &Gray, right: &Gray, first: i32, wanted: usize) -> Option<Self> {
+    /// Of a pair and the disparities `first` to `first + wanted - 1` px; `kept` is memory for use.
+    pub(super) fn new(
+        left: &Gray,
+        right: &Gray,
+        first: i32,
+        wanted: usize,
+        kept: &mut Vec<u8>,
+    ) -> Option<Self> {
         let scale = left.width() as f64 / COARSE_WIDTH;
         let least = left.height().min(right.width()) as f64 / super::LEAST_SIDE as f64;
         if scale < LEAST_SCALE || scale > least {
@@ -38,7 +44,7 @@ impl Prior {
         let from = (f64::from(first) / scale).floor() as i32 - 1;
         let to = (f64::from(first + wanted as i32 - 1) / scale).ceil() as i32 + 1;
         let features = Features::new(&a, &b, from, (to - from + 1) as usize, None);
-        let winners = sweep::winners(&features, &sweep::Penalties::default(), &mut Vec::new());
+        let winners = sweep::winners(&features, &sweep::Penalties::default(), kept);
         let mut seen = check::seen_by(&winners, super::AGREE_PX);
         check::drop_islands(
             &winners.left,
@@ -47,25 +53,30 @@ impl Prior {
             LEAST_ISLAND,
         );
         let sure = confidence::confidence(&winners, &seen);
-        let known = |x: usize, y: usize| {
-            let counts = seen.at(x, y) == Seen::Both && sure.at(x, y) >= LEAST_CONFIDENCE;
-            if counts {
-                winners.left.at(x, y)
-            } else {
-                f32::INFINITY
-            }
-        };
         let (width, height) = a.size();
+        let mut known = Plane::filled(width, height, f32::INFINITY);
+        let rows = known.samples_mut().par_chunks_mut(width).enumerate();
+        rows.for_each(|(y, out)| {
+            let pixels = winners.left.row(y).iter().zip(seen.row(y)).zip(sure.row(y));
+            for (out, ((&d, &seen), &sure)) in out.iter_mut().zip(pixels) {
+                let counts = seen == Seen::Both && sure >= LEAST_CONFIDENCE;
+                *out = if counts { d } else { f32::INFINITY };
+            }
+        });
         let mut expected = Plane::filled(width, height, 0u16);
         let rows = expected.samples_mut().par_chunks_mut(width).enumerate();
-        rows.for_each(|(y, out)| {
-            for (x, out) in out.iter_mut().enumerate() {
-                let mut low = f32::INFINITY;
-                for y in y.saturating_sub(AROUND)..=(y + AROUND).min(height - 1) {
-                    for x in x.saturating_sub(AROUND)..=(x + AROUND).min(width - 1) {
-                        low = low.min(known(x, y));
-                    }
+        // The least of each column, with nothing known on both sides; then the least of columns.
+        let columns = || vec![f32::INFINITY; width + 2 * AROUND];
+        rows.for_each_init(columns, |columns, (y, out)| {
+            let inner = &mut columns[AROUND..AROUND + width];
+            inner.fill(f32::INFINITY);
+            for y in y.saturating_sub(AROUND)..=(y + AROUND).min(height - 1) {
+                for (low, &d) in inner.iter_mut().zip(known.row(y)) {
+                    *low = low.min(d);
                 }
+            }
+            for (out, around) in out.iter_mut().zip(columns.windows(2 * AROUND + 1)) {
+                let low = around.iter().fold(f32::INFINITY, |a, &b| a.min(b));
                 if low < f32::INFINITY {
                     let index = f64::from(low - FREE_PX) * scale - f64::from(first);
                     *out = index.floor().clamp(0.0, wanted as f64) as u16;

@@ -1,6 +1,6 @@
 //! Costs summed along eight paths (Hirschmüller 2008) in two sweeps that meet in the middle of the picture.
 
-use super::cost::{CostRow, Costs, Features, LANES};
+use super::cost::{CostRow, Costs, Features, LANES, PixelCosts};
 use super::winner::{OutRow, Row as WinnerRow, Winners};
 
 /// Penalties for a change of disparity between neighbours, in units of the costs.
@@ -181,6 +181,11 @@ struct Scene<'a> {
 type Before<'a> = (&'a [u8], u8, u8);
 
 /// One row of a sweep. Half the sum of all four paths is kept, or, with `ADD`, the sum and twice what is kept written into `sums`.
+#[multiversion::multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512vl+avx512vpopcntdq+popcnt",
+    "x86_64+avx2+popcnt",
+    "x86_64+popcnt"
+))]
 fn row<const ADD: bool, const FORWARD: bool>(
     scene: &Scene<'_>,
     trails: &mut [Trail; 3],
@@ -192,7 +197,6 @@ fn row<const ADD: bool, const FORWARD: bool>(
     let start = vec![0u8; stride];
     let mut along = [vec![SENTINEL; stride], vec![SENTINEL; stride]];
     let mut along_least = 0;
-    let mut cost = vec![0u8; count];
     let large = &scene.penalties.large;
     let [behind_trail, before_trail, ahead_trail] = trails;
     for pixel in 0..width {
@@ -219,8 +223,8 @@ fn row<const ADD: bool, const FORWARD: bool>(
         let (b_old, b_least, b) = before_trail.at(pixel);
         let (c_old, c_least, c) = ahead_trail.at(pixel);
         let least = step::<ADD>(
-            (&scene.costs, x),
-            &mut cost,
+            &scene.costs.at(x),
+            count,
             scene.penalties.small,
             [
                 first,
@@ -244,20 +248,16 @@ fn row<const ADD: bool, const FORWARD: bool>(
     }
 }
 
-/// One step of four paths, at a pixel whose costs are computed into `cost`. The paths' new costs have a place before and after for the
-/// sentinels. Gives the paths' minima.
-#[multiversion::multiversion(targets(
-    "x86_64+avx512f+avx512bw+avx512vl+avx512vpopcntdq+popcnt",
-    "x86_64+avx2+popcnt",
-    "x86_64+popcnt"
-))]
+/// One step of four paths, at a pixel with `count` disparities. The paths' new costs have a place before and after for the sentinels. Gives
+/// the paths' minima.
+#[inline(always)]
 #[allow(
     clippy::too_many_arguments,
     reason = "slices that are arguments of their own are known not to overlap"
 )]
 fn step<const ADD: bool>(
-    (costs, x): (&Costs<'_>, usize),
-    cost: &mut [u8],
+    costs: &PixelCosts<'_>,
+    count: usize,
     small: u8,
     before: [Before<'_>; 4],
     new_a: &mut [u8],
@@ -267,30 +267,32 @@ fn step<const ADD: bool>(
     kept: &mut [u8],
     sum: &mut [u16],
 ) -> [u8; 4] {
-    costs.at(x, cost);
-    let cost = &*cost;
-    let inner = 1..=cost.len();
-    let least = [
-        path(cost, small, before[0], &mut new_a[inner.clone()]),
-        path(cost, small, before[1], &mut new_b[inner.clone()]),
-        path(cost, small, before[2], &mut new_c[inner.clone()]),
-        path(cost, small, before[3], &mut new_d[inner.clone()]),
-    ];
-    let paths = [
-        &new_a[inner.clone()],
-        &new_b[inner.clone()],
-        &new_c[inner.clone()],
-        &new_d[inner],
-    ];
+    let mut minima = [[u8::MAX; WIDE]; 4];
     let mut from = 0;
-    while from + WIDE <= cost.len() {
-        add_up::<ADD, WIDE>(from, paths, kept, sum);
+    while from + WIDE <= count {
+        let cost = costs.block::<WIDE>(from);
+        let paths = [
+            path_block::<WIDE>(from, &cost, small, before[0], new_a, &mut minima[0]),
+            path_block::<WIDE>(from, &cost, small, before[1], new_b, &mut minima[1]),
+            path_block::<WIDE>(from, &cost, small, before[2], new_c, &mut minima[2]),
+            path_block::<WIDE>(from, &cost, small, before[3], new_d, &mut minima[3]),
+        ];
+        add_up::<ADD, WIDE>(from, &paths, kept, sum);
         from += WIDE;
     }
-    if from < cost.len() {
-        add_up::<ADD, LANES>(from, paths, kept, sum);
+    while from < count {
+        let cost = costs.block::<LANES>(from);
+        let [a, b, c, d] = minima.each_mut().map(|m| block_mut::<u8, LANES>(m, 0));
+        let paths = [
+            path_block::<LANES>(from, &cost, small, before[0], new_a, a),
+            path_block::<LANES>(from, &cost, small, before[1], new_b, b),
+            path_block::<LANES>(from, &cost, small, before[2], new_c, c),
+            path_block::<LANES>(from, &cost, small, before[3], new_d, d),
+        ];
+        add_up::<ADD, LANES>(from, &paths, kept, sum);
+        from += LANES;
     }
-    least
+    minima.map(|m| m.iter().fold(u8::MAX, |a, &b| a.min(b)))
 }
 
 /// Loops go over so many disparities at a time, and over [`LANES`] of a rest: lengths that are known become vectors without remainders.
@@ -311,19 +313,18 @@ fn block_mut<T, const N: usize>(slice: &mut [T], from: usize) -> &mut [T; N] {
 #[inline(always)]
 fn add_up<const ADD: bool, const N: usize>(
     from: usize,
-    [a, b, c, d]: [&[u8]; 4],
+    [a, b, c, d]: &[[u8; N]; 4],
     kept: &mut [u8],
     sum: &mut [u16],
 ) {
-    let (a, b): (&[u8; N], &[u8; N]) = (block(a, from), block(b, from));
-    let (c, d): (&[u8; N], &[u8; N]) = (block(c, from), block(d, from));
     let kept: &mut [u8; N] = block_mut(kept, from);
+    let old = *kept;
     // Two paths fit a byte.
     let four = |i: usize| u16::from(a[i].wrapping_add(b[i])) + u16::from(c[i].wrapping_add(d[i]));
     if ADD {
         let sum: &mut [u16; N] = block_mut(sum, from);
         for i in 0..N {
-            sum[i] = four(i) + 2 * u16::from(kept[i]);
+            sum[i] = four(i) + 2 * u16::from(old[i]);
         }
     } else {
         for i in 0..N {
@@ -332,43 +333,33 @@ fn add_up<const ADD: bool, const N: usize>(
     }
 }
 
-/// One step of one path (Hirschmüller 2008, Eq. 13):
-/// `new(k) = cost(k) + min(old(k), old(k -+ 1) + small, least + large) - least`. `old` has a sentinel before and after. Gives the minimum.
-#[inline(always)]
-fn path(cost: &[u8], small: u8, before: Before<'_>, new: &mut [u8]) -> u8 {
-    let mut minimum = [u8::MAX; WIDE];
-    let mut from = 0;
-    while from + WIDE <= cost.len() {
-        path_block::<WIDE>(from, cost, small, before, new, &mut minimum);
-        from += WIDE;
-    }
-    if from < cost.len() {
-        let minimum: &mut [u8; LANES] = block_mut(&mut minimum, 0);
-        path_block::<LANES>(from, cost, small, before, new, minimum);
-    }
-    minimum.iter().fold(u8::MAX, |a, &b| a.min(b))
-}
-
+/// One step of one path at `N` disparities (Hirschmüller 2008, Eq. 13):
+/// `new(k) = cost(k) + min(old(k), old(k -+ 1) + small, least + large) - least`. `old` has a sentinel before and after.
 #[inline(always)]
 fn path_block<const N: usize>(
     from: usize,
-    cost: &[u8],
+    cost: &[u8; N],
     small: u8,
     (old, least, large): Before<'_>,
     new: &mut [u8],
     minimum: &mut [u8; N],
-) {
-    let cost: &[u8; N] = block(cost, from);
-    let (lower, upper): (&[u8; N], &[u8; N]) = (block(old, from), block(old, from + 2));
-    let same: &[u8; N] = block(old, from + 1);
-    let new: &mut [u8; N] = block_mut(new, from);
+) -> [u8; N] {
+    let (lower, same, upper): ([u8; N], [u8; N], [u8; N]) = (
+        *block(old, from),
+        *block(old, from + 1),
+        *block(old, from + 2),
+    );
     let jump = least + large;
+    let mut path = [0; N];
     for k in 0..N {
         let beside = lower[k].min(upper[k]).saturating_add(small);
-        let path = cost[k].wrapping_add(same[k].min(beside).min(jump).wrapping_sub(least));
-        new[k] = path;
-        minimum[k] = minimum[k].min(path);
+        path[k] = cost[k].wrapping_add(same[k].min(beside).min(jump).wrapping_sub(least));
     }
+    for k in 0..N {
+        minimum[k] = minimum[k].min(path[k]);
+    }
+    *block_mut(new, from + 1) = path;
+    path
 }
 
 /// The winners of the sums over all eight paths. Both sweeps run to the middle, keep their sums, and go on over the rows that the
@@ -391,8 +382,11 @@ fn swept(
 ) -> Winners {
     let row = features.width * features.count;
     let middle = features.height / 2;
-    kept.resize(features.height * row, 0);
-    let (top, bottom) = kept.split_at_mut(middle * row);
+    let cells = features.height * row;
+    if kept.len() < cells {
+        kept.resize(cells, 0);
+    }
+    let (top, bottom) = kept[..cells].split_at_mut(middle * row);
     let mut down = Sweep::new(Way::Down, features, penalties);
     let mut up = Sweep::new(Way::Up, features, penalties);
     rayon::join(
@@ -458,7 +452,10 @@ mod tests {
         let mut costs = vec![0; features.width * features.height * features.count];
         for (i, costs) in costs.chunks_exact_mut(count).enumerate() {
             let of_row = row.of(features, i / features.width);
-            of_row.at(i % features.width, costs);
+            for (k, costs) in costs.chunks_exact_mut(LANES).enumerate() {
+                let block: [u8; LANES] = of_row.at(i % features.width).block(k * LANES);
+                costs.copy_from_slice(&block);
+            }
         }
         let of_way = |ways: [(i64, i64); 4]| {
             let mut sums = vec![0u16; costs.len()];
