@@ -55,6 +55,16 @@ pub enum ControlError {
         /// The time of the step before, s.
         last_s: f64,
     },
+    /// A setting of the motors' controller that cannot be.
+    #[error("motor controller: {field} is {value}, must be {rule}")]
+    Controller {
+        /// Which setting.
+        field: String,
+        /// What was given.
+        value: String,
+        /// What would be right.
+        rule: &'static str,
+    },
     /// An axis refused.
     #[error(transparent)]
     Axis(#[from] AxisError),

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use vergence_geometry::HeadAngles;
 
 use crate::axis::{Axis, AxisError, AxisLimits, AxisName, AxisReading, AxisSetpoint, AxisState};
+use crate::drive::{AxisDrive, BoxedDrive};
 use crate::error::ControlError;
 use crate::monitor::LimitViolations;
 use crate::stepper::{AxisConfig, SimulatedAxis};
@@ -174,6 +175,11 @@ impl SimulatedHead {
             };
             Box::new(axis) as BoxedAxis
         })
+    }
+
+    /// The axes for the loop as one drive.
+    pub fn drive(&self) -> BoxedDrive {
+        Box::new(AxisDrive::new(self.axes()))
     }
 
     /// Run all controllers until `at_s`; see [`SimulatedAxis::advance_to`].

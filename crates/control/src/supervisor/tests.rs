@@ -1,0 +1,267 @@
+//! Proves: the supervisor makes only the changes of the drawing in the docs, whatever it is told; nothing moves in doubt; a stop wins and is
+//! final; a fault is left by a person's word alone. Does not prove that a real controller obeys.
+use proptest::prelude::*;
+
+use super::*;
+
+const DRAWING: &str = include_str!("../../../../docs/reference-supervisor.md");
+
+/// A look at which everything is sound and nobody is followed.
+fn sound(now_s: f64, link: &Link) -> Senses<'_> {
+    Senses {
+        now_s,
+        pictures_s: [Some(now_s - 0.03); 2],
+        link,
+        axes: [AxisState::Ready; 4],
+        events: &[],
+        centred: true,
+        following: None,
+        doubt: None,
+    }
+}
+
+fn supervisor() -> Supervisor {
+    Supervisor::new(SupervisorSettings::default()).unwrap()
+}
+
+/// The table of the docs (one row a state, the states that it may become) is the machine's own, arrow by arrow.
+#[test]
+fn the_drawing_is_true() {
+    let mut drawn = Vec::new();
+    for line in DRAWING.lines().filter(|line| line.starts_with("| `")) {
+        let mut cells = line.trim_matches('|').split('|').map(str::trim);
+        let from = cells.next().unwrap().trim_matches('`').to_owned();
+        let to = cells.next_back().unwrap();
+        for to in to.split(',').map(|t| t.trim().trim_matches('`')) {
+            if to != "–" {
+                drawn.push((from.clone(), to.to_owned()));
+            }
+        }
+    }
+    let mut made = Vec::new();
+    for from in RigState::ALL {
+        for to in RigState::ALL {
+            if from.may_become(to) {
+                made.push((from.name().to_owned(), to.name().to_owned()));
+            }
+        }
+    }
+    drawn.sort();
+    made.sort();
+    assert_eq!(drawn, made);
+}
+
+/// Start, find, lose, and each single doubt: the axes stand within the look at which it is told, and move again only after the time of settling.
+#[test]
+fn any_doubt_holds() {
+    let heard = |heard_s| Link::Up { heard_s };
+    let down = Link::Down {
+        since_s: 0.0,
+        reason: "unplugged".to_owned(),
+    };
+    type Disturb = fn(&mut Senses<'_>);
+    let doubts: [(&str, Disturb); 7] = [
+        ("left camera's", |s| s.pictures_s[0] = Some(s.now_s - 0.3)),
+        ("right camera's", |s| s.pictures_s[1] = Some(s.now_s + 0.3)),
+        ("right camera has given no", |s| s.pictures_s[1] = None),
+        ("right camera's", |s| s.pictures_s[1] = Some(f64::NAN)),
+        ("a reading", |s| s.doubt = Some("a reading is missing")),
+        ("stalled", |s| s.now_s += 0.3),
+        ("went back", |s| s.now_s = f64::NAN),
+    ];
+    for (word, disturb) in doubts {
+        let mut rig = supervisor();
+        let link = heard(1.0);
+        assert_eq!(rig.look(&sound(1.0, &link)), Orders::Follow, "{word}");
+        let mut senses = sound(1.01, &link);
+        disturb(&mut senses);
+        assert_eq!(rig.look(&senses), Orders::Hold, "{word}");
+        let last = rig.memory().entries().last().unwrap().text.clone();
+        assert!(last.contains(word), "{word}: {last}");
+        let mut released_s = None;
+        for i in 0..100 {
+            let now_s = 1.35 + 0.01 * f64::from(i);
+            let link = heard(now_s);
+            if rig.look(&sound(now_s, &link)) == Orders::Follow {
+                released_s = Some(now_s);
+                break;
+            }
+        }
+        let waited_s = released_s.unwrap() - 1.35;
+        assert!((0.29..0.32).contains(&waited_s), "{word}: {waited_s}");
+    }
+    let mut rig = supervisor();
+    assert_eq!(rig.look(&sound(1.0, &heard(1.0))), Orders::Follow);
+    assert_eq!(rig.look(&sound(1.01, &down)), Orders::Hold);
+    let mut rig = supervisor();
+    assert_eq!(rig.look(&sound(1.0, &heard(1.0))), Orders::Follow);
+    assert_eq!(rig.look(&sound(1.2, &heard(0.9))), Orders::Hold);
+}
+
+/// An alarm, an axis at fault and a lost zero are left by a person's word alone, not by time, and only when the axis is sound again.
+#[test]
+fn a_fault_waits_for_a_person() {
+    let link = |heard_s| Link::Up { heard_s };
+    let alarm = [DriveEvent {
+        time_s: 1.01,
+        kind: DriveEventKind::Alarm,
+        text: "ALARM:1".to_owned(),
+    }];
+    for what in 0..3 {
+        let mut rig = supervisor();
+        rig.look(&sound(1.0, &link(1.0)));
+        let up = link(1.01);
+        let mut senses = sound(1.01, &up);
+        match what {
+            0 => senses.events = &alarm,
+            1 => senses.axes[2] = AxisState::Fault,
+            _ => senses.axes[1] = AxisState::Unhomed,
+        }
+        assert_eq!(rig.look(&senses), Orders::Hold);
+        assert_eq!(rig.state(), RigState::Fault);
+        for i in 0..1000 {
+            let now_s = 1.02 + 0.01 * f64::from(i);
+            assert_eq!(rig.look(&sound(now_s, &link(now_s))), Orders::Hold);
+        }
+        let up = link(11.03);
+        let mut still = sound(11.03, &up);
+        still.axes[0] = AxisState::Fault;
+        rig.ask_clear();
+        assert_eq!(rig.look(&still), Orders::Hold);
+        assert_eq!(rig.state(), RigState::Fault);
+        // A word that led to nothing for long is forgotten.
+        for i in 0..60 {
+            let now_s = 11.1 + 0.1 * f64::from(i);
+            let up = link(now_s);
+            let mut still = sound(now_s, &up);
+            still.axes[0] = AxisState::Fault;
+            assert_eq!(rig.look(&still), Orders::Hold);
+        }
+        assert_eq!(rig.look(&sound(17.1, &link(17.1))), Orders::Hold);
+        assert_eq!(rig.state(), RigState::Fault);
+        rig.ask_clear();
+        rig.ask_home();
+        assert_eq!(rig.look(&sound(17.2, &link(17.2))), Orders::Home);
+        assert_eq!(rig.look(&sound(17.3, &link(17.3))), Orders::Follow);
+    }
+}
+
+/// Homing runs on a person's word, gives no other command, and fails when it takes too long or the line goes.
+#[test]
+fn homing() {
+    let up = |heard_s| Link::Up { heard_s };
+    let mut unhomed = [AxisState::Unhomed; 4];
+    let mut rig = supervisor();
+    let look = |rig: &mut Supervisor, now_s: f64, axes| {
+        rig.look(&Senses {
+            axes,
+            ..sound(now_s, &up(now_s))
+        })
+    };
+    assert_eq!(look(&mut rig, 0.0, unhomed), Orders::Hold);
+    rig.ask_home();
+    assert_eq!(look(&mut rig, 0.1, unhomed), Orders::Home);
+    assert_eq!(look(&mut rig, 0.2, unhomed), Orders::Wait);
+    unhomed[3] = AxisState::Ready;
+    assert_eq!(look(&mut rig, 0.3, unhomed), Orders::Wait);
+    assert_eq!(look(&mut rig, 0.4, [AxisState::Ready; 4]), Orders::Follow);
+
+    let mut rig = supervisor();
+    rig.ask_home();
+    assert_eq!(look(&mut rig, 0.1, unhomed), Orders::Home);
+    for i in 2..=602 {
+        look(&mut rig, 0.1 * f64::from(i), unhomed);
+    }
+    assert_eq!(rig.state(), RigState::Fault);
+}
+
+fn states() -> impl Strategy<Value = AxisState> {
+    prop_oneof![
+        12 => Just(AxisState::Ready),
+        2 => Just(AxisState::Held),
+        1 => Just(AxisState::Unhomed),
+        1 => Just(AxisState::Fault),
+    ]
+}
+
+fn following() -> impl Strategy<Value = Option<ControlState>> {
+    prop_oneof![
+        Just(None),
+        Just(Some(ControlState::Searching)),
+        Just(Some(ControlState::Tracking)),
+        Just(Some(ControlState::Coasting)),
+        Just(Some(ControlState::Holding)),
+        Just(Some(ControlState::Parking)),
+    ]
+}
+
+fn times() -> impl Strategy<Value = f64> {
+    prop_oneof![8 => 0.0..0.05, 1 => -1.0..1.0, 1 => Just(f64::NAN), 1 => Just(f64::INFINITY)]
+}
+
+prop_compose! {
+    /// One look's worth of anything: step of time, ages of pictures and link, axes, event, person.
+    fn anything()(
+        step_s in times(),
+        ages in prop::array::uniform3(times()),
+        axes in prop::array::uniform4(states()),
+        following in following(),
+        alarm in prop::bool::weighted(0.02),
+        doubt in prop::bool::weighted(0.05),
+        down in prop::bool::weighted(0.05),
+        person in 0_u8..60,
+    ) -> (f64, [f64; 3], [AxisState; 4], Option<ControlState>, [bool; 3], u8) {
+        (step_s, ages, axes, following, [alarm, doubt, down], person)
+    }
+}
+
+proptest! {
+    /// Whatever comes in whatever order: only drawn arrows (the machine itself asserts them), no order to follow unless every axis is homed and sound, the link is up
+    /// and young and both cameras are live, and no way out of stopped.
+    #[test]
+    fn nothing_moves_in_doubt(looks in prop::collection::vec(anything(), 1..200)) {
+        let mut rig = supervisor();
+        let mut now_s = 0.0;
+        let mut stopped = false;
+        for (step_s, ages, axes, following, [alarm, doubt, down], person) in looks {
+            now_s += if step_s.is_finite() { step_s } else { 0.0 };
+            let told_s = if step_s.is_finite() { now_s } else { step_s };
+            match person {
+                0 => { rig.ask_stop("Ctrl-C"); stopped = true; }
+                1..4 => rig.ask_clear(),
+                4..8 => rig.ask_home(),
+                _ => {}
+            }
+            let link = match down {
+                true => Link::Down { since_s: now_s, reason: "unplugged".to_owned() },
+                false => Link::Up { heard_s: now_s - ages[2] },
+            };
+            let event = DriveEvent { time_s: now_s, kind: DriveEventKind::Alarm, text: "ALARM:1".to_owned() };
+            let events = [event];
+            let before = rig.state();
+            let orders = rig.look(&Senses {
+                now_s: told_s,
+                pictures_s: [Some(now_s - ages[0]), Some(now_s - ages[1])],
+                link: &link,
+                axes,
+                events: if alarm { &events } else { &[] },
+                centred: person != 9,
+                following,
+                doubt: doubt.then_some("a reading is missing"),
+            });
+            prop_assert!(before == rig.state() || before != RigState::Stopped);
+            if stopped {
+                prop_assert_eq!(rig.state(), RigState::Stopped);
+            }
+            if orders == Orders::Follow {
+                prop_assert!(!down && !alarm && !doubt && told_s.is_finite());
+                prop_assert!(axes.iter().all(|a| matches!(a, AxisState::Ready | AxisState::Held)));
+                prop_assert!(ages[..2].iter().all(|a| a.abs() <= 0.25 + 1e-9));
+            }
+            if orders == Orders::Home {
+                prop_assert!(!down && !stopped);
+            }
+            prop_assert!(rig.memory().entries().count() <= 96);
+        }
+    }
+}
