@@ -5,9 +5,11 @@
 //! bytes. Wall time of its stages is measured beside it ([`stages`]) and steers nothing.
 
 mod claims;
+pub mod conductor;
 pub mod error;
 mod expect;
 mod prior;
+pub mod rest;
 pub mod rigging;
 pub mod servo;
 pub mod stages;
@@ -16,9 +18,11 @@ mod target;
 pub mod watch;
 mod wide;
 
+pub use conductor::Conductor;
 pub use error::ServoError;
 pub use prior::disparity_of_point;
-pub use rigging::{Motors, Rigging};
+pub use rest::{Rest, bring_to_rest};
+pub use rigging::{Motors, Permit, Rigging};
 pub use servo::{Servo, ServoSettings};
 pub use stages::{Stage, StageTimes, Stopwatch};
 pub use step::{Measured, Step};

@@ -4,8 +4,8 @@ use nalgebra::Isometry3;
 use vergence_calib::MachineCalibration;
 use vergence_capture::StereoFrame;
 use vergence_control::{
-    AxisCommand, AxisError, AxisLimits, AxisName, AxisReading, AxisSetpoint, BoxedAxis,
-    ControlOutput, Controller, LoadObserver, TargetEstimate,
+    AxisCommand, AxisError, AxisLimits, AxisName, AxisReading, AxisSetpoint, BoxedDrive,
+    ControlOutput, Controller, Drive, LoadObserver, TargetEstimate,
 };
 use vergence_geometry::{Eye, HeadAngles, HeadGeometry};
 use vergence_track::filter::TargetEstimate as TrackEstimate;
@@ -23,18 +23,29 @@ pub enum Rigging {
 /// Four motors and what drives them.
 pub struct Motors {
     geometry: HeadGeometry,
-    axes: [BoxedAxis; 4],
+    drive: BoxedDrive,
     controller: Controller,
     observer: LoadObserver,
     zero_sigma_rad: f64,
     calibrated: Option<Calibrated>,
     right_offset_rad: f64,
+    permit: Permit,
 }
 
 /// A calibrated machine, and what its axes turn for a radian of the counters.
 struct Calibrated {
     machine: MachineCalibration,
     turn_per_counted: [f64; 4],
+}
+
+/// Whether the loop's setpoints may reach the axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Permit {
+    /// The axes get what the control law says.
+    #[default]
+    Follow,
+    /// The axes stand; the control law goes on beside.
+    Hold,
 }
 
 /// How well a vergence axis finds its zero by default, rad (0.005°): the repeatability of a homing switch.
@@ -78,22 +89,23 @@ impl Rigging {
 }
 
 impl Motors {
-    /// Motors `[pan, tilt, left vergence, right vergence]` on a head of these dimensions; `backlash_rad` is the play of
+    /// The motors behind `drive` on a head of these dimensions; `backlash_rad` is the play of
     /// the axes as far as it is known, in their order.
     pub fn new(
         geometry: HeadGeometry,
-        axes: [BoxedAxis; 4],
+        drive: BoxedDrive,
         backlash_rad: [f64; 4],
         controller: Controller,
     ) -> Self {
         Self {
             geometry,
-            axes,
+            drive,
             controller,
             observer: LoadObserver::new(backlash_rad),
             zero_sigma_rad: ZERO_SIGMA_RAD,
             calibrated: None,
             right_offset_rad: 0.0,
+            permit: Permit::default(),
         }
     }
 
@@ -178,17 +190,25 @@ impl Motors {
     }
 
     fn readings_at(&self, at_s: f64) -> Result<[AxisReading; 4], ServoError> {
-        let [pan, tilt, left, right] = &self.axes;
-        Ok([
-            pan.reading(at_s)?,
-            tilt.reading(at_s)?,
-            left.reading(at_s)?,
-            right.reading(at_s)?,
-        ])
+        let mut readings = [AxisReading {
+            time_s: at_s,
+            position_rad: 0.0,
+            velocity_rad_s: 0.0,
+        }; 4];
+        for axis in AxisName::ALL {
+            let reading = self.drive.reading(axis, at_s)?;
+            for value in [reading.position_rad, reading.velocity_rad_s] {
+                if !value.is_finite() {
+                    return Err(AxisError::NotFinite { axis, value }.into());
+                }
+            }
+            readings[axis.index()] = reading;
+        }
+        Ok(readings)
     }
 
     /// Setpoints for where the target is predicted; `readings` are the newest that are known.
-    pub(crate) fn drive(
+    pub(crate) fn follow(
         &mut self,
         target: Option<&TargetEstimate>,
         readings: &[AxisReading; 4],
@@ -202,7 +222,10 @@ impl Motors {
             let limits = &self.controller.limits()[right];
             output.clamped[right] |= set_aside(setpoint, self.right_offset_rad, limits);
         }
-        if let Some(error) = first_error(output.apply(&mut self.axes, now_s)) {
+        if self.permit == Permit::Hold {
+            output.commands = [AxisCommand::Hold; 4];
+        }
+        if let Some(error) = first_error(self.drive.command(&output.commands, now_s)) {
             // One axis that fails leaves no rig to follow with: the others stop too, whatever they answer.
             let _ = self.hold(now_s);
             return Err(error);
@@ -210,10 +233,19 @@ impl Motors {
         Ok(output)
     }
 
+    /// Whether the setpoints of the coming steps may reach the axes.
+    pub(crate) fn permit(&mut self, permit: Permit) {
+        self.permit = permit;
+    }
+
     /// Stop every axis, whatever the others answer; the first refusal is told.
     pub(crate) fn hold(&mut self, now_s: f64) -> Result<(), ServoError> {
-        let results = self.axes.each_mut().map(|axis| axis.hold(now_s));
-        first_error(results).map_or(Ok(()), Err)
+        first_error(self.drive.hold(now_s)).map_or(Ok(()), Err)
+    }
+
+    /// What turns the axes.
+    pub fn drive_mut(&mut self) -> &mut dyn Drive {
+        &mut *self.drive
     }
 }
 

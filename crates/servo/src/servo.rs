@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Matrix2, Vector2, Vector3};
 use vergence_capture::{SourceInfo, StereoFrame};
-use vergence_control::{ControlOutput, TargetEstimate as ControlTarget};
+use vergence_control::{ControlOutput, Drive, TargetEstimate as ControlTarget};
 use vergence_geometry::{Camera, Eye};
 use vergence_imaging::Gray;
 use vergence_imaging::colour::luma_from_rgb_into;
@@ -16,7 +16,7 @@ use vergence_track::{
 
 use crate::error::ServoError;
 use crate::prior::prior_from_estimate;
-use crate::rigging::{Rigging, Stance};
+use crate::rigging::{Permit, Rigging, Stance};
 use crate::stages::{Stage, StageTimes};
 use crate::step::{Measured, Step};
 use crate::target::{Place, Target};
@@ -276,6 +276,21 @@ impl Servo {
         &self.cameras
     }
 
+    /// What turns the cameras; `None` for cameras that do not move.
+    pub fn drive_mut(&mut self) -> Option<&mut dyn Drive> {
+        match &mut self.rigging {
+            Rigging::Motors(motors) => Some(motors.drive_mut()),
+            Rigging::Fixed(_) => None,
+        }
+    }
+
+    /// Whether the setpoints of the coming steps may reach the axes.
+    pub fn permit(&mut self, permit: Permit) {
+        if let Rigging::Motors(motors) = &mut self.rigging {
+            motors.permit(permit);
+        }
+    }
+
     /// Stop all motors within their limits.
     pub fn hold(&mut self, now_s: f64) -> Result<(), ServoError> {
         if let Rigging::Motors(motors) = &mut self.rigging {
@@ -479,7 +494,7 @@ impl Servo {
             velocity_in_base: aim.velocity_in_base,
             covariance: aim.covariance,
         });
-        motors.drive(target.as_ref(), readings, now_s).map(Some)
+        motors.follow(target.as_ref(), readings, now_s).map(Some)
     }
 }
 

@@ -224,7 +224,7 @@ fn run(config: TwinConfig, watch: WatchSettings) -> (Vec<Look>, Vec<(f64, f64)>)
     };
     let backlash_rad = control.backlash_rad;
     let controller = Controller::new(control, geometry, head.limits()).unwrap();
-    let motors = Motors::new(geometry, source.head().axes(), backlash_rad, controller);
+    let motors = Motors::new(geometry, source.head().drive(), backlash_rad, controller);
     let settings = ServoSettings {
         watch,
         ..ServoSettings::default()

@@ -54,7 +54,7 @@ fn run(config: TwinConfig) -> Vec<Seen> {
     };
     let backlash_rad = control.backlash_rad;
     let controller = Controller::new(control, geometry, head.limits()).unwrap();
-    let motors = Motors::new(geometry, source.head().axes(), backlash_rad, controller);
+    let motors = Motors::new(geometry, source.head().drive(), backlash_rad, controller);
     let mut servo = Servo::new(
         source.info(),
         Rigging::Motors(Box::new(motors)),

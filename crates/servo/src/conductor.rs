@@ -1,0 +1,325 @@
+//! The loop under its supervisor: what `vergence run` and the fault simulation drive.
+//!
+//! A [`Conductor`] owns the loop ([`Servo`]) and the supervisor, and sees to it that nothing reaches the motors that the supervisor did not allow:
+//! pairs that cannot be trusted (stamped wrongly, frozen, dark) never reach the loop, errors of axes become doubts instead of ends, and the
+//! drive is listened to between pairs.
+
+mod centring;
+mod sentry;
+mod steady;
+
+use vergence_capture::StereoFrame;
+use vergence_control::supervisor::Decision;
+use vergence_control::{
+    AxisState, ControlError, ControlState, DriveEvent, Link, Orders, RigState, Senses, Supervisor,
+    SupervisorSettings,
+};
+
+use crate::error::ServoError;
+use crate::rigging::Permit;
+use crate::servo::Servo;
+use crate::step::Step;
+use centring::{Centring, is_centred};
+use sentry::Sentry;
+use steady::Steady;
+
+/// The loop, its supervisor, and what they need to know of each other.
+pub struct Conductor {
+    servo: Servo,
+    supervisor: Supervisor,
+    steady: Steady,
+    sentry: Sentry,
+    centring: Option<Centring>,
+    /// Homing was ordered, and the drive has not taken it yet.
+    homing_due: bool,
+    pictures_s: [Option<f64>; 2],
+    following: Option<ControlState>,
+    doubt: Option<String>,
+    events: Vec<DriveEvent>,
+    refused_pairs: u64,
+}
+
+/// So many events of the drive wait to be taken at most; the newest are kept.
+const EVENTS_WAITING: usize = 256;
+
+impl Conductor {
+    /// A conductor of this loop; nothing moves before the first look.
+    ///
+    /// # Errors
+    /// Settings of the supervisor that cannot be used.
+    pub fn new(servo: Servo, settings: SupervisorSettings) -> Result<Self, ControlError> {
+        Ok(Self {
+            supervisor: Supervisor::new(settings)?,
+            servo,
+            steady: Steady::default(),
+            sentry: Sentry::default(),
+            centring: None,
+            homing_due: false,
+            pictures_s: [None; 2],
+            following: None,
+            doubt: None,
+            events: Vec::new(),
+            refused_pairs: 0,
+        })
+    }
+
+    /// Between pairs, at least every 20 ms: listen to the drive, decide, and hold where that is due. `now_s` is the run's clock.
+    pub fn look(&mut self, now_s: f64) {
+        let Some(now_s) = self.time(now_s) else {
+            return;
+        };
+        let orders = self.orders(now_s);
+        self.obey(orders, now_s);
+    }
+
+    /// Take a pair: judge it, decide, and go through the loop with it. `None` when the pair was not used (why is in the supervisor's memory).
+    ///
+    /// # Errors
+    /// What a repetition would not mend: pictures of another size, tracking that cannot be set up. Axes that refuse are no error: they are a
+    /// doubt, and the rig holds.
+    pub fn take(&mut self, pair: &StereoFrame, now_s: f64) -> Result<Option<Step>, ServoError> {
+        if self.servo.drive_mut().is_none() {
+            return self.servo.step(pair, now_s).map(Some);
+        }
+        let Some(now_s) = self.time(now_s) else {
+            return Ok(None);
+        };
+        let offset_s = self.steady.offset_s();
+        let shifted;
+        let pair = match offset_s == 0.0 {
+            true => pair,
+            false => {
+                shifted = steady::shifted(pair, offset_s);
+                &shifted
+            }
+        };
+        let fit = match self.sentry.judge(pair, now_s) {
+            Ok(live) => {
+                for (eye, live) in live.into_iter().enumerate() {
+                    if live {
+                        self.pictures_s[eye] = Some([&pair.left, &pair.right][eye].capture_s);
+                    }
+                }
+                live == [true; 2]
+            }
+            Err(reason) => {
+                self.doubt.get_or_insert(reason);
+                false
+            }
+        };
+        if !fit {
+            self.refused_pairs += 1;
+        }
+        let orders = self.orders(now_s);
+        if !fit || !matches!(orders, Orders::Follow | Orders::Hold) {
+            self.obey(orders, now_s);
+            return Ok(None);
+        }
+        self.servo.permit(match orders {
+            Orders::Follow => Permit::Follow,
+            _ => Permit::Hold,
+        });
+        match self.servo.step(pair, now_s) {
+            Ok(step) => {
+                self.note_step(&step, now_s);
+                Ok(Some(step))
+            }
+            Err(ServoError::Axis(error)) => {
+                // Without positions there is no geometry; what moves, stands.
+                self.doubt.get_or_insert(error.to_string());
+                self.obey(Orders::Hold, now_s);
+                Ok(None)
+            }
+            Err(error) => {
+                self.obey(Orders::Hold, now_s);
+                Err(error)
+            }
+        }
+    }
+
+    /// The source gave no pair, but knows when each camera gave its newest picture, s on the run's clock.
+    pub fn note_pictures(&mut self, newest_s: [Option<f64>; 2]) {
+        for (known, newest) in self.pictures_s.iter_mut().zip(newest_s) {
+            if let Some(newest_s) = newest.map(|s| s + self.steady.offset_s())
+                && known.is_none_or(|known_s| newest_s > known_s)
+            {
+                *known = Some(newest_s);
+            }
+        }
+    }
+
+    /// A person asks for homing.
+    pub fn ask_home(&mut self) {
+        self.supervisor.ask_home();
+    }
+
+    /// A person has looked at a fault and clears it: at the controller too.
+    pub fn ask_clear(&mut self, now_s: f64) {
+        let now_s = self.time(now_s).unwrap_or_else(|| self.steady.last_s());
+        if let Some(drive) = self.servo.drive_mut()
+            && let Err(error) = drive.clear(now_s)
+        {
+            let text = format!("not cleared: {error}");
+            self.supervisor.memory_mut().note(now_s, text);
+            return;
+        }
+        self.supervisor.ask_clear();
+    }
+
+    /// A person stops the rig: the axes first. Final.
+    pub fn stop(&mut self, now_s: f64, reason: &str) {
+        self.supervisor.ask_stop(reason);
+        let now_s = self.time(now_s).unwrap_or_else(|| self.steady.last_s());
+        let orders = self.orders(now_s);
+        self.obey(orders, now_s);
+    }
+
+    /// What the rig is doing.
+    pub fn state(&self) -> RigState {
+        self.supervisor.state()
+    }
+
+    /// The last decisions, oldest first.
+    pub fn decisions(&self) -> impl Iterator<Item = &Decision> {
+        self.supervisor.memory().entries()
+    }
+
+    /// The changes of state since the last call, at most 64.
+    pub fn take_changes(&mut self) -> Vec<Decision> {
+        self.supervisor.memory_mut().take_changes()
+    }
+
+    /// What the drive said since the last call, at most 256 events.
+    pub fn take_events(&mut self) -> Vec<DriveEvent> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// Pairs that were not used because they could not be trusted.
+    pub fn refused_pairs(&self) -> u64 {
+        self.refused_pairs
+    }
+
+    /// How much later than the run's clock this conductor's times are, s: what the clock went back so far.
+    pub fn offset_s(&self) -> f64 {
+        self.steady.offset_s()
+    }
+
+    /// The loop.
+    pub fn servo(&self) -> &Servo {
+        &self.servo
+    }
+
+    /// The loop, to end it.
+    pub fn servo_mut(&mut self) -> &mut Servo {
+        &mut self.servo
+    }
+
+    /// `now_s` without jumps backwards; `None` when it is no number (a doubt).
+    fn time(&mut self, now_s: f64) -> Option<f64> {
+        match self.steady.take(now_s) {
+            Ok(now_s) => Some(now_s),
+            Err(steady::Odd::Back { by_s, now_s }) => {
+                self.doubt
+                    .get_or_insert(format!("the clock went back by {by_s:.3} s"));
+                Some(now_s)
+            }
+            Err(steady::Odd::NotFinite) => {
+                self.doubt
+                    .get_or_insert("the clock shows no number".to_owned());
+                None
+            }
+        }
+    }
+
+    /// Listen to the drive and let the supervisor decide.
+    fn orders(&mut self, now_s: f64) -> Orders {
+        let homing = self.supervisor.state() == RigState::Homing;
+        let (link, axes, events, centred) = match self.servo.drive_mut() {
+            Some(drive) => {
+                drive.update(now_s);
+                let centred = homing && is_centred(drive, now_s);
+                (drive.link(), drive.states(), drive.take_events(), centred)
+            }
+            None => (
+                Link::Up { heard_s: now_s },
+                [AxisState::Ready; 4],
+                Vec::new(),
+                true,
+            ),
+        };
+        let doubt = self.doubt.take();
+        let orders = self.supervisor.look(&Senses {
+            now_s,
+            pictures_s: self.pictures_s,
+            link: &link,
+            axes,
+            events: &events,
+            centred,
+            following: self.following,
+            doubt: doubt.as_deref(),
+        });
+        self.events.extend(events);
+        let excess = self.events.len().saturating_sub(EVENTS_WAITING);
+        self.events.drain(..excess);
+        orders
+    }
+
+    /// Do what was ordered without a pair.
+    fn obey(&mut self, orders: Orders, now_s: f64) {
+        let Some(drive) = self.servo.drive_mut() else {
+            return;
+        };
+        if orders != Orders::Centre {
+            self.centring = None;
+        }
+        match orders {
+            // Between pairs the axes go on by their last setpoints.
+            Orders::Follow => {}
+            Orders::Hold => {
+                for answer in drive.hold(now_s) {
+                    if let Err(error) = answer {
+                        self.doubt.get_or_insert(error.to_string());
+                    }
+                }
+            }
+            Orders::Centre => {
+                let centring = self
+                    .centring
+                    .get_or_insert_with(|| Centring::new(drive, now_s));
+                for answer in drive.command(&centring.commands(now_s), now_s) {
+                    if let Err(error) = answer {
+                        self.doubt.get_or_insert(error.to_string());
+                    }
+                }
+            }
+            Orders::Home | Orders::Wait => {
+                self.homing_due |= orders == Orders::Home;
+                // A controller that was just cleared takes a moment; the supervisor's time for homing ends the trying.
+                self.homing_due = self.homing_due && drive.home(now_s).is_err();
+                if self.homing_due {
+                    // What moves cannot be homed; who refuses to stand is asked again at the next look.
+                    let _ = drive.hold(now_s);
+                }
+            }
+        }
+    }
+
+    /// Keep what a step says of itself.
+    fn note_step(&mut self, step: &Step, now_s: f64) {
+        let Some(control) = &step.control else {
+            return;
+        };
+        self.following = Some(control.state);
+        if let Some(refused) = &control.refused {
+            let text = refused.to_string();
+            self.supervisor.memory_mut().note(now_s, text.clone());
+            if !matches!(refused, ControlError::Estimate { .. }) {
+                self.doubt.get_or_insert(text);
+            }
+        }
+        if let Some(transition) = &control.transition {
+            let text = format!("the control law: {}", transition.reason);
+            self.supervisor.memory_mut().note(now_s, text);
+        }
+    }
+}

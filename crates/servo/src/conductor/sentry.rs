@@ -1,0 +1,81 @@
+//! Whether a pair can be trusted: by its times, and by a few thousand of its bytes.
+
+use vergence_capture::{Frame, StereoFrame};
+use vergence_imaging::Rgb;
+
+/// A pair may be so old when it comes, s.
+const OLDEST_S: f64 = 0.5;
+
+/// A pair may be stamped so much later than it is taken, s: the rounding of drivers.
+const AHEAD_S: f64 = 0.005;
+
+/// So many equal pictures in a row are one that is frozen: noise alone makes two real ones differ.
+const FROZEN_AFTER: u32 = 2;
+
+/// So many bytes of a picture are looked at.
+const LOOKED_AT: usize = 4096;
+
+/// A picture whose mean of the bytes that are looked at lies below this is dark (a lens cap, a camera that lost its light), levels of 255.
+const DARK_BELOW: f64 = 4.0;
+
+/// Remembers the last pair.
+#[derive(Default)]
+pub(super) struct Sentry {
+    capture_s: Option<f64>,
+    eyes: [Eyesight; 2],
+}
+
+/// What is remembered of one camera.
+#[derive(Default)]
+struct Eyesight {
+    bytes: Vec<u8>,
+    same: u32,
+}
+
+impl Sentry {
+    /// Which cameras the pair shows to be live, left and right; an error says why the pair as a whole cannot be used.
+    pub(super) fn judge(&mut self, pair: &StereoFrame, now_s: f64) -> Result<[bool; 2], String> {
+        for (name, frame) in [("left", &pair.left), ("right", &pair.right)] {
+            check_times(name, frame, now_s)?;
+        }
+        let capture_s = pair.capture_s();
+        let last_s = self.capture_s.unwrap_or(f64::NEG_INFINITY);
+        if capture_s <= last_s {
+            return Err(format!(
+                "a pair of {capture_s:.3} s came after one of {last_s:.3} s"
+            ));
+        }
+        self.capture_s = Some(capture_s);
+        let [left, right] = &mut self.eyes;
+        Ok([
+            left.is_live(&pair.left.picture),
+            right.is_live(&pair.right.picture),
+        ])
+    }
+}
+
+fn check_times(name: &str, frame: &Frame, now_s: f64) -> Result<(), String> {
+    let age_s = now_s - frame.capture_s;
+    if !(-AHEAD_S..=OLDEST_S).contains(&age_s) {
+        return Err(format!(
+            "the {name} picture is stamped {age_s:.3} s before now; it must be 0 to {OLDEST_S} s"
+        ));
+    }
+    Ok(())
+}
+
+impl Eyesight {
+    /// Whether a picture is new and not dark.
+    fn is_live(&mut self, picture: &Rgb) -> bool {
+        let all = picture.samples().as_flattened();
+        // An odd step, so that all columns and colours come up.
+        let looked_at = all.iter().step_by((all.len() / LOOKED_AT).max(1) | 1);
+        let same = looked_at.clone().eq(&self.bytes);
+        self.same = if same { self.same.saturating_add(1) } else { 0 };
+        self.bytes.clear();
+        self.bytes.extend(looked_at);
+        let sum: u64 = self.bytes.iter().map(|b| u64::from(*b)).sum();
+        let mean = sum as f64 / self.bytes.len().max(1) as f64;
+        mean >= DARK_BELOW && self.same < FROZEN_AFTER
+    }
+}
