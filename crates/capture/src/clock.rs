@@ -52,9 +52,12 @@ impl RealClock {
         reason = "building it starts it, which a default should not do"
     )]
     pub fn new() -> Self {
-        Self {
-            start: Instant::now(),
-        }
+        Self::since(Instant::now())
+    }
+
+    /// A clock that showed 0 s at that instant: that of motors which were there before the run.
+    pub fn since(start: Instant) -> Self {
+        Self { start }
     }
 }
 

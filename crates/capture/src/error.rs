@@ -57,6 +57,16 @@ pub enum CaptureError {
         /// The video.
         path: PathBuf,
     },
+    /// A live camera.
+    #[error("{camera} {what}: {why}")]
+    Camera {
+        /// Which camera, as a person calls it.
+        camera: String,
+        /// What it did or could not do.
+        what: String,
+        /// Why, and what would be right.
+        why: String,
+    },
     /// A setting of a source outside its range.
     #[error("the setting {name} is {value}; {right}")]
     Setting {

@@ -2,8 +2,8 @@
 
 mod frames;
 mod list;
-mod stream;
-mod video;
+pub(crate) mod stream;
+pub(crate) mod video;
 
 use std::path::{Path, PathBuf};
 

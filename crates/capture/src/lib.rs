@@ -1,11 +1,12 @@
 //! Every source of stereo frames, the clock and the pairing of frames.
 //!
 //! The loop sees [`Source`] and [`Clock`] only. Recorded pictures and videos enter through [`FilesSource`], the simulated
-//! rig through [`TwinSource`]; [`Pairer`] matches two streams by time for both of the kinds that need it.
+//! rig through [`TwinSource`], cameras and network streams through [`LiveSource`]; [`Pairer`] matches two streams by time for all that need it.
 
 pub mod clock;
 pub mod error;
 pub mod files;
+pub mod live;
 pub mod pairing;
 pub mod source;
 pub mod twin;
@@ -13,6 +14,10 @@ pub mod twin;
 pub use clock::{Clock, RealClock, SimulatedClock};
 pub use error::CaptureError;
 pub use files::{FilesConfig, FilesSource, Frames, OnFault, TimedFrame};
+pub use live::{LiveConfig, LiveInput, LiveRig, LiveSource, LiveStatistics};
 pub use pairing::{Paired, Pairer, PairingCounts, PairingLimits};
-pub use source::{Frame, Source, SourceInfo, StereoFrame};
-pub use twin::{Knock, TwinConfig, TwinSource, TwinTruth};
+pub use source::{
+    CameraState, Frame, Liveness, Next, Source, SourceEvent, SourceEventKind, SourceInfo,
+    StereoFrame,
+};
+pub use twin::{Knock, Standing, TwinConfig, TwinSource, TwinTruth};

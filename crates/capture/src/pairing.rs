@@ -42,7 +42,7 @@ impl PairingLimits {
 }
 
 /// What became of the frames pushed so far. Every frame is in exactly one of these, or still waiting.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct PairingCounts {
     /// Pairs passed on (two frames each).
     pub paired: u64,
@@ -135,6 +135,15 @@ impl<T> Pairer<T> {
             counts: PairingCounts::default(),
             alone: None,
         })
+    }
+
+    /// Go on with other limits, as when cameras change their rate; counts and waiting frames stay.
+    ///
+    /// # Errors
+    /// As [`Self::new`]; then nothing has changed.
+    pub fn set_limits(&mut self, limits: PairingLimits) -> Result<(), CaptureError> {
+        self.limits = Self::new(limits)?.limits;
+        Ok(())
     }
 
     /// Take the next frame of one stream, captured at `capture_s`.

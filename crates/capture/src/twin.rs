@@ -5,13 +5,14 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
-use vergence_control::{HeadConfig, SimulatedHead};
+use vergence_control::{AxisError, HeadConfig, SimulatedHead};
 use vergence_geometry::{Eye, HeadAngles, HeadGeometry};
 use vergence_imaging::Rgb;
 use vergence_scene::hash::{mix, uniform_from};
 use vergence_scene::{Light, Mark, PathSpec, Renderer, Shot, TwinCamera, World, WorldConfig};
 
 use crate::CaptureError;
+use crate::clock::{Clock as _, RealClock};
 use crate::source::{Frame, Source, SourceInfo, StereoFrame};
 
 /// For so many frames back the truth is kept.
@@ -123,6 +124,15 @@ impl Default for TwinConfig {
     }
 }
 
+/// Tells where the axes stood at a time that has passed, s on the run's clock.
+pub type Standing = Arc<dyn Fn(f64) -> Result<HeadAngles, AxisError> + Send + Sync>;
+
+/// So long after the end of an exposure motors that are not simulated have told where they stood, s.
+const TOLD_S: f64 = 0.012;
+
+/// A real camera does not wait: a frame that would be taken this many periods late is lost.
+const LATE_PERIODS: f64 = 1.0;
+
 /// What was true of one frame. Where there are two, they belong to the left and to the right camera and to the middle of
 /// its own exposure.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -169,6 +179,9 @@ pub struct TwinSource {
     world: Arc<World>,
     renderer: Renderer,
     head: SimulatedHead,
+    standing: Standing,
+    /// Set when the motors are not simulated: their clock, which is the run's.
+    clock: Option<RealClock>,
     next_frame: u64,
     frames: u64,
     dropped: u64,
@@ -200,6 +213,8 @@ impl TwinSource {
         world.check_rig(config.geometry.interaxial_m, lens_places(&config))?;
         let renderer = Renderer::new(world.clone(), config.cameras, config.seed)?;
         let head = SimulatedHead::homed(&config.head, 0.0)?;
+        let simulated = head.clone();
+        let standing: Standing = Arc::new(move |at_s| simulated.true_angles(at_s));
         let seconds = config.seconds.unwrap_or(match world.people() {
             0 => EMPTY_ROOM_S,
             _ => world.duration_s(),
@@ -219,6 +234,8 @@ impl TwinSource {
             world,
             renderer,
             head,
+            standing,
+            clock: None,
             next_frame: 0,
             frames,
             dropped: 0,
@@ -229,6 +246,15 @@ impl TwinSource {
     /// The head whose axes the loop drives (a handle: clones move the same motors).
     pub fn head(&self) -> &SimulatedHead {
         &self.head
+    }
+
+    /// The same twin on motors that are not simulated: its cameras stand where `standing` says (no play, no home offset), and frames are
+    /// taken when `clock` shows their time. [`Source::next_pair`] then waits for the exposure; frames that would come more than a period late are
+    /// lost and counted. [`Self::head`] stands still.
+    pub fn on_motors(mut self, standing: Standing, clock: RealClock) -> Self {
+        self.standing = standing;
+        self.clock = Some(clock);
+        self
     }
 
     /// The world that is seen.
@@ -277,12 +303,12 @@ impl TwinSource {
             let mid_s = mid_exposure_s[eye];
             // If both ends and the middle are known, so is all between.
             for t in [mid_s - half_s, mid_s + half_s] {
-                self.head.true_angles(t.max(0.0))?;
+                (self.standing)(t.max(0.0))?;
             }
-            *angles = self.head.true_angles(mid_s.max(0.0))?;
+            *angles = (self.standing)(mid_s.max(0.0))?;
         }
         Ok(Motion {
-            head: &self.head,
+            standing: &self.standing,
             geometry: &self.config.geometry,
             knock: &self.config.knock,
             at_mid,
@@ -294,6 +320,11 @@ impl TwinSource {
         reuse: Option<StereoFrame>,
     ) -> Result<Option<StereoFrame>, CaptureError> {
         while self.next_frame < self.frames {
+            if self.is_missed() {
+                self.next_frame += 1;
+                self.dropped += 1;
+                continue;
+            }
             let truth = self.expose()?;
             let draw = chance(self.config.seed, truth.frame, Draw::Drop);
             if draw < self.config.drop_probability {
@@ -310,12 +341,29 @@ impl TwinSource {
         Ok(None)
     }
 
+    /// Whether the time of the next frame has passed without anybody looking.
+    fn is_missed(&self) -> bool {
+        let late_s = LATE_PERIODS / self.config.fps + TOLD_S;
+        let clock = self.clock.as_ref();
+        clock.is_some_and(|c| c.now_s() > self.exposed_s(self.next_frame) + late_s)
+    }
+
+    /// When the shutters of both eyes are closed.
+    fn exposed_s(&self, frame: u64) -> f64 {
+        let capture_s = self.mid_exposure_s(frame);
+        let end_s = |i: usize| capture_s[i] + self.config.cameras[i].exposure_s / 2.0;
+        end_s(0).max(end_s(1))
+    }
+
     /// Take the next frame: move the motors to the end of its exposure and note the truth.
     fn expose(&mut self) -> Result<TwinTruth, CaptureError> {
         let frame = self.next_frame;
         let capture_s = self.mid_exposure_s(frame);
-        let end_s = |i: usize| capture_s[i] + self.config.cameras[i].exposure_s / 2.0;
-        self.head.advance_to(end_s(0).max(end_s(1)))?;
+        let exposed_s = self.exposed_s(frame);
+        match &mut self.clock {
+            None => self.head.advance_to(exposed_s)?,
+            Some(clock) => clock.sleep_until(exposed_s + TOLD_S),
+        }
         let motion = self.motion(capture_s)?;
         let truth = self.truth(frame, capture_s, &motion);
         if self.truths.len() == TRUTH_KEPT {
@@ -367,9 +415,9 @@ impl TwinSource {
             Some(old) => (old.left.picture, old.right.picture),
             None => (empty(), empty()),
         };
-        let head = self.head.clone();
+        let standing = Arc::clone(&self.standing);
         let motion = Motion {
-            head: &head,
+            standing: &standing,
             geometry: &self.config.geometry,
             knock: &self.config.knock,
             at_mid: truth.angles,
@@ -421,7 +469,7 @@ impl Source for TwinSource {
 
 /// Where the cameras are while the shutter is open.
 struct Motion<'a> {
-    head: &'a SimulatedHead,
+    standing: &'a Standing,
     geometry: &'a HeadGeometry,
     knock: &'a Knock,
     at_mid: [HeadAngles; 2],
@@ -431,10 +479,7 @@ impl Motion<'_> {
     fn cam_from_base(&self, eye: Eye, time_s: f64) -> Isometry3<f64> {
         // Before time 0 the head stood where it stands at 0. Outside the exposure nothing is asked for; if it were, the
         // middle of the exposure is the nearest thing that is known.
-        let angles = self
-            .head
-            .true_angles(time_s.max(0.0))
-            .unwrap_or(self.at_mid[eye as usize]);
+        let angles = (self.standing)(time_s.max(0.0)).unwrap_or(self.at_mid[eye as usize]);
         let cam_from_base = self.geometry.cam_from_base(eye, &angles);
         self.knock.applied(eye, time_s, cam_from_base)
     }

@@ -80,6 +80,17 @@ pub fn shown_from_bytes(bytes: &[u8], path: &Path) -> Result<ShownPicture, Image
     decoded(path, || formats::shown_from_bytes(bytes))
 }
 
+/// A frame of motion JPEG, as cameras send it: RGB, its pixels as they lie in it, refused when anything is missing. Such frames may leave out their Huffman
+/// tables, which are then those of ITU-T T.81, annex K.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn rgb_from_motion_jpeg(bytes: &[u8]) -> Result<Rgb, String> {
+    let decode = || crate::jpeg::rgb_from_jpeg(&crate::jpeg::with_tables(bytes));
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode))
+        .unwrap_or_else(|_| Err("the decoder gave up on it".to_owned()))
+}
+
 /// All bytes of a picture file, at most [`MAX_FILE_BYTES`].
 pub fn read_whole(path: &Path) -> Result<Vec<u8>, ImageError> {
     read_bytes(path, MAX_FILE_BYTES)

@@ -8,6 +8,9 @@
 //! Layout and Huffman decoding after ITU-T T.81 (1992), annexes B, C and F. A change that leaves a stream of valid codes with the
 //! right number of blocks cannot be seen: JPEG has no checksum.
 
+use std::borrow::Cow;
+use std::sync::OnceLock;
+
 use zune_core::bytestream::ZCursor;
 use zune_core::colorspace::ColorSpace;
 use zune_core::options::DecoderOptions;
@@ -55,6 +58,56 @@ pub(crate) fn rgb_from_jpeg(bytes: &[u8]) -> Result<Rgb, String> {
         return Err(format!("{} pixels came out of {w} x {h}", pixels.len()));
     }
     Ok(Rgb::from_samples(w, h, pixels))
+}
+
+/// A frame of motion JPEG with the usual Huffman tables before its first scan, if it brings none.
+pub(crate) fn with_tables(bytes: &[u8]) -> Cow<'_, [u8]> {
+    let Some(scan) = start_of_scan(bytes) else {
+        return Cow::Borrowed(bytes);
+    };
+    let mut whole = bytes[..scan].to_vec();
+    whole.extend_from_slice(usual_tables());
+    whole.extend_from_slice(&bytes[scan..]);
+    Cow::Owned(whole)
+}
+
+/// Where the first scan begins in a file without Huffman tables; `None` in one that has some, or that makes no sense.
+fn start_of_scan(bytes: &[u8]) -> Option<usize> {
+    let mut rest = bytes.get(2..)?;
+    loop {
+        let at = bytes.len() - rest.len();
+        let (mark, after) = next_mark(rest).ok()?;
+        match mark {
+            0xda => return Some(at),
+            0xc4 | 0xd8..=0xd9 => return None,
+            _ => {}
+        }
+        let length = usize::from(u16_at(after, 0).ok()?);
+        rest = after.get(length..)?;
+    }
+}
+
+/// The segments of the tables of annex K, which the encoder writes.
+fn usual_tables() -> &'static [u8] {
+    static TABLES: OnceLock<Vec<u8>> = OnceLock::new();
+    TABLES.get_or_init(|| {
+        let small = Rgb::filled(16, 16, [10, 200, 90]);
+        let bytes = crate::files::encode_jpeg(&small, 90).unwrap_or_default();
+        let mut tables = Vec::new();
+        let mut rest = bytes.get(2..).unwrap_or_default();
+        while let Ok((mark, after)) = next_mark(rest) {
+            let length = usize::from(u16_at(after, 0).unwrap_or(0));
+            let Some(body) = after.get(..length).filter(|_| mark != 0xda) else {
+                break;
+            };
+            if mark == 0xc4 {
+                tables.extend_from_slice(&[0xff, mark]);
+                tables.extend_from_slice(body);
+            }
+            rest = &after[length..];
+        }
+        tables
+    })
 }
 
 /// Width and height by the header.
@@ -438,6 +491,38 @@ mod tests {
         bytes.extend([1, 2, 3]);
         assert_eq!(rgb_from_jpeg(&bytes).unwrap(), got);
         assert_eq!(size_from_jpeg(&bytes).unwrap(), (203, 117));
+    }
+
+    /// Frames without Huffman tables, as cameras send them, give the same picture as with them; frames that bring some stay as they are.
+    #[test]
+    fn frames_without_tables() {
+        let bytes = jpeg_from_rgb(&picture()).unwrap();
+        let mut bare = bytes[..2].to_vec();
+        let mut rest = &bytes[2..];
+        let mut taken = 0;
+        loop {
+            let (mark, after) = next_mark(rest).unwrap();
+            let length = usize::from(u16_at(after, 0).unwrap());
+            if mark == 0xda {
+                bare.extend_from_slice(rest);
+                break;
+            }
+            if mark == 0xc4 {
+                taken += 1;
+            } else {
+                bare.extend_from_slice(&[0xff, mark]);
+                bare.extend_from_slice(&after[..length]);
+            }
+            rest = &after[length..];
+        }
+        assert!(taken > 0 && bare.len() + 400 < bytes.len());
+        assert!(rgb_from_jpeg(&bare).is_err());
+        let whole = crate::files::rgb_from_motion_jpeg(&bytes).unwrap();
+        assert_eq!(crate::files::rgb_from_motion_jpeg(&bare).unwrap(), whole);
+        assert_eq!(whole, rgb_from_jpeg(&bytes).unwrap());
+        for length in 0..bare.len() {
+            assert!(crate::files::rgb_from_motion_jpeg(&bare[..length]).is_err());
+        }
     }
 
     /// Every prefix of a file is refused, one byte short as well as a thousand.

@@ -31,6 +31,13 @@ pub(crate) trait Decoder: Send {
 
 type Decoded = Result<Timed, CaptureError>;
 
+/// What came of waiting for a frame of a live stream.
+pub(crate) enum Polled {
+    Frame(Timed),
+    Nothing,
+    Ended,
+}
+
 /// Frames of one eye. Dropping it ends the thread and the program behind it.
 #[derive(Debug)]
 pub(crate) struct EyeStream {
@@ -97,6 +104,18 @@ impl EyeStream {
         match self.first.take() {
             Some(timed) => Ok(Some(timed)),
             None => self.receive(),
+        }
+    }
+
+    /// The next frame, if it comes in time.
+    pub(crate) fn poll(&mut self, wait: Duration) -> Result<Polled, CaptureError> {
+        let Some(frames) = &self.frames else {
+            return Ok(Polled::Ended);
+        };
+        match frames.recv_timeout(wait) {
+            Ok(decoded) => decoded.map(Polled::Frame),
+            Err(RecvTimeoutError::Timeout) => Ok(Polled::Nothing),
+            Err(RecvTimeoutError::Disconnected) => Ok(Polled::Ended),
         }
     }
 

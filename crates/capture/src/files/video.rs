@@ -131,12 +131,36 @@ impl Video {
         quotient(self.rate)
     }
 
-    /// Start decoding.
+    /// A stream that is read as it comes: nothing is asked beforehand, and times are taken to the microsecond.
+    pub(crate) fn live(path: &Path) -> Self {
+        Self {
+            path: path.to_owned(),
+            rate: (1_000_000, 1),
+        }
+    }
+
+    /// Start decoding a recording.
     pub(crate) fn open(
         self,
         ffmpeg: &Path,
         on_unreadable: OnFault,
     ) -> Result<EyeStream, CaptureError> {
+        // A damaged file is an error; a damaged packet of a live stream is daily life.
+        let strict = on_unreadable == OnFault::Refuse && !is_url(&self.path);
+        let input: &[&str] = if strict { &["-xerror"] } else { &[] };
+        self.start(ffmpeg, input, strict)
+    }
+
+    /// Start decoding what comes live; `input` are options of the input.
+    pub(crate) fn open_live(
+        self,
+        ffmpeg: &Path,
+        input: &[&str],
+    ) -> Result<EyeStream, CaptureError> {
+        self.start(ffmpeg, input, false)
+    }
+
+    fn start(self, ffmpeg: &Path, input: &[&str], strict: bool) -> Result<EyeStream, CaptureError> {
         let mut command = Command::new(ffmpeg);
         command.args([
             "-nostdin",
@@ -145,12 +169,8 @@ impl Video {
             "-v",
             "repeat+level+info",
         ]);
-        // A damaged file is an error; a damaged packet of a live stream is daily life.
-        let strict = on_unreadable == OnFault::Refuse && !is_url(&self.path);
-        if strict {
-            command.arg("-xerror");
-        }
         command
+            .args(input)
             .arg("-i")
             .arg(input_name(&self.path))
             .args(["-map", "0:v:0", "-an", "-sn", "-dn"])
@@ -489,7 +509,7 @@ fn complaint_in(line: &str) -> Option<String> {
         })
 }
 
-fn is_url(path: &Path) -> bool {
+pub(crate) fn is_url(path: &Path) -> bool {
     path.to_str().is_some_and(|s| s.contains("://"))
 }
 

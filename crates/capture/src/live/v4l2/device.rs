@@ -1,0 +1,313 @@
+//! Opening a video device, what it can give, and setting it.
+
+use std::io::{Error, ErrorKind};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+
+use moq_v4l::Device;
+use moq_v4l::capability::Flags;
+use moq_v4l::format::Format;
+use moq_v4l::framesize::FrameSizeEnum;
+use moq_v4l::video::Capture as _;
+use moq_v4l::video::capture::Parameters;
+use moq_v4l::{FourCC, Fraction};
+
+use super::super::settings::PixelFormat;
+use super::fourcc;
+use crate::CaptureError;
+
+/// Most sizes and rates of a device that a message lists.
+const LISTED: usize = 12;
+
+/// Folders whose links keep their names when a device is plugged in again. The way by which it is connected comes first: two cameras of one make may
+/// have one name.
+const STABLE: [&str; 2] = ["/dev/v4l/by-path", "/dev/v4l/by-id"];
+
+// The kernel's numbers of what can go wrong (`errno.h`), where the standard library has no name for them.
+const EBUSY: i32 = 16;
+const ENODEV: i32 = 19;
+const ENOTTY: i32 = 25;
+const EINVAL: i32 = 22;
+
+/// What a device does; the same for both eyes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Mode {
+    pub(super) format: PixelFormat,
+    /// Width and height of what the device sends, pixels.
+    pub(super) size: (usize, usize),
+    /// Rate that was asked for, 1/s.
+    pub(super) fps: Option<f64>,
+}
+
+/// An error of a device as one sentence.
+pub(super) fn failed(name: &str, what: &str, error: &Error) -> CaptureError {
+    let why = match (error.kind(), error.raw_os_error()) {
+        (ErrorKind::NotFound, _) => {
+            "there is no such device; `v4l2-ctl --list-devices` lists those that there are"
+                .to_owned()
+        }
+        (ErrorKind::PermissionDenied, _) => {
+            "permission denied; members of the group video may use it: sudo usermod -aG video $USER"
+                .to_owned()
+        }
+        (_, Some(EBUSY)) => "another program uses it; `fuser -v` names that".to_owned(),
+        (_, Some(ENODEV)) => {
+            "it is not there any more: unplugged, or its driver gave up".to_owned()
+        }
+        (_, Some(ENOTTY)) => "it is no camera".to_owned(),
+        _ => error.to_string(),
+    };
+    CaptureError::Camera {
+        camera: name.to_owned(),
+        what: what.to_owned(),
+        why,
+    }
+}
+
+/// Call a library that panics on answers it does not know.
+pub(super) fn guarded<T>(
+    name: &str,
+    call: impl FnOnce() -> std::io::Result<T>,
+) -> Result<T, CaptureError> {
+    match catch_unwind(AssertUnwindSafe(call)) {
+        Ok(Ok(value)) => Ok(value),
+        Ok(Err(error)) => Err(failed(name, "cannot be used", &error)),
+        Err(_) => Err(CaptureError::Camera {
+            camera: name.to_owned(),
+            what: "cannot be used".to_owned(),
+            why: "its driver's answer was not understood".to_owned(),
+        }),
+    }
+}
+
+/// Open a device that gives pictures.
+pub(super) fn open(path: &Path) -> Result<Device, CaptureError> {
+    let name = path.display().to_string();
+    let no_camera = |why: String| CaptureError::Camera {
+        camera: name.clone(),
+        what: "cannot be used".to_owned(),
+        why,
+    };
+    if path.to_string_lossy().contains('\0') {
+        return Err(no_camera("its name holds a zero byte".to_owned()));
+    }
+    let device = Device::with_path(path).map_err(|e| failed(&name, "cannot be opened", &e))?;
+    let caps = guarded(&name, || device.query_caps())?;
+    let has = caps.capabilities;
+    if has.contains(Flags::VIDEO_CAPTURE) && has.contains(Flags::STREAMING) {
+        return Ok(device);
+    }
+    Err(no_camera(if has.contains(Flags::VIDEO_CAPTURE_MPLANE) {
+        format!(
+            "it is {}, which gives its pictures in several planes; those are not read",
+            caps.card
+        )
+    } else if has.contains(Flags::META_CAPTURE) {
+        format!(
+            "it is the part of {} that gives data about pictures; the pictures come from another device of it, often the number before",
+            caps.card
+        )
+    } else {
+        format!("it is {}, which gives no pictures", caps.card)
+    }))
+}
+
+/// The name by which a device is found again after it was plugged in again.
+pub(super) fn stable_name(path: &Path) -> Option<PathBuf> {
+    let target = path.canonicalize().ok()?;
+    STABLE.iter().find_map(|folder| {
+        let mut links: Vec<PathBuf> = std::fs::read_dir(folder)
+            .ok()?
+            .filter_map(|entry| Some(entry.ok()?.path()))
+            .collect();
+        links.sort();
+        links
+            .into_iter()
+            .find(|link| link.canonicalize().is_ok_and(|to| to == target))
+    })
+}
+
+/// The format that all devices have in this size: the one that was asked for, or the first of [`PixelFormat::ALL`].
+pub(super) fn common_format(
+    devices: &[Device],
+    names: &[String],
+    size: (usize, usize),
+    asked: Option<PixelFormat>,
+) -> Result<PixelFormat, CaptureError> {
+    let mut have = Vec::new();
+    for (device, name) in devices.iter().zip(names) {
+        have.push(formats_with(device, name, size, asked)?);
+    }
+    let common = PixelFormat::ALL
+        .into_iter()
+        .find(|format| have.iter().all(|h| h.contains(format)));
+    common.ok_or_else(|| {
+        let told = |i: usize| {
+            let formats: Vec<&str> = have[i].iter().map(|f| f.name()).collect();
+            format!("{} gives {}", names[i], formats.join(", "))
+        };
+        let all: Vec<String> = (0..names.len()).map(told).collect();
+        CaptureError::Unequal(format!(
+            "{} in {}x{} pixels; there must be one format that both have",
+            all.join(", "),
+            size.0,
+            size.1
+        ))
+    })
+}
+
+/// The formats that a device gives in this size; never empty.
+fn formats_with(
+    device: &Device,
+    name: &str,
+    size: (usize, usize),
+    asked: Option<PixelFormat>,
+) -> Result<Vec<PixelFormat>, CaptureError> {
+    let offered = guarded(name, || device.enum_formats())?;
+    let known: Vec<PixelFormat> = PixelFormat::ALL
+        .into_iter()
+        .filter(|f| offered.iter().any(|o| o.fourcc == fourcc(*f)))
+        .filter(|f| asked.is_none_or(|asked| asked == *f))
+        .collect();
+    let refuse = |why: String| CaptureError::Camera {
+        camera: name.to_owned(),
+        what: "cannot be used".to_owned(),
+        why,
+    };
+    if known.is_empty() {
+        let all: Vec<String> = offered
+            .iter()
+            .map(|o| o.fourcc.to_string())
+            .take(LISTED)
+            .collect();
+        let wanted = asked.map_or_else(
+            || "YUYV, RGB3, NV12, MJPG or GREY".to_owned(),
+            |f| f.name().to_owned(),
+        );
+        return Err(refuse(format!(
+            "it gives {}; needed is {wanted}",
+            all.join(", ")
+        )));
+    }
+    let fitting: Vec<PixelFormat> = known
+        .iter()
+        .copied()
+        .filter(|f| has_size(device, name, *f, size))
+        .collect();
+    if fitting.is_empty() {
+        let sizes = known
+            .first()
+            .map(|f| sizes_text(device, *f))
+            .unwrap_or_default();
+        return Err(refuse(format!(
+            "it does not give {}x{} pixels, the size of the calibration{sizes}; calibrate in a size that it has",
+            size.0, size.1
+        )));
+    }
+    Ok(fitting)
+}
+
+/// Whether a device has this size. A driver that lists none is asked by setting it.
+fn has_size(device: &Device, name: &str, format: PixelFormat, size: (usize, usize)) -> bool {
+    let within = |value: usize, least: u32, most: u32, step: u32| {
+        let value = value as u64;
+        (u64::from(least)..=u64::from(most)).contains(&value)
+            && (value - u64::from(least)).is_multiple_of(u64::from(step.max(1)))
+    };
+    match device.enum_framesizes(fourcc(format)) {
+        Ok(sizes) => sizes.iter().any(|s| match &s.size {
+            FrameSizeEnum::Discrete(d) => (d.width as usize, d.height as usize) == size,
+            FrameSizeEnum::Stepwise(s) => {
+                within(size.0, s.min_width, s.max_width, s.step_width)
+                    && within(size.1, s.min_height, s.max_height, s.step_height)
+            }
+        }),
+        Err(_) => {
+            let mode = Mode {
+                format,
+                size,
+                fps: None,
+            };
+            mode.set_format(device, name).is_ok()
+        }
+    }
+}
+
+/// "; it gives 640x480, 1280x720".
+fn sizes_text(device: &Device, format: PixelFormat) -> String {
+    let Ok(sizes) = device.enum_framesizes(fourcc(format)) else {
+        return String::new();
+    };
+    let all: Vec<String> = sizes
+        .iter()
+        .map(|s| s.size.to_string())
+        .map(|s| s.replace("Discrete(", "").replace(')', ""))
+        .take(LISTED)
+        .collect();
+    format!("; it gives {}", all.join(", "))
+}
+
+impl Mode {
+    /// Set a device to this; the rate that the driver tells.
+    pub(super) fn set(&self, device: &Device, name: &str) -> Result<Option<f64>, CaptureError> {
+        self.set_format(device, name)?;
+        if let Some(fps) = self.fps {
+            let interval = Fraction::new(1_000, (fps * 1_000.0).round() as u32);
+            // A device that has one rate only refuses to be asked; what it gives is measured.
+            let _ = guarded(name, || device.set_params(&Parameters::new(interval)));
+        }
+        let told = guarded(name, || device.params()).ok();
+        let told =
+            told.map(|p| f64::from(p.interval.denominator) / f64::from(p.interval.numerator));
+        Ok(told.filter(|fps| fps.is_finite() && *fps > 0.0))
+    }
+
+    fn set_format(&self, device: &Device, name: &str) -> Result<Format, CaptureError> {
+        let (width, height) = self.size;
+        let too_large = || CaptureError::Camera {
+            camera: name.to_owned(),
+            what: "cannot be used".to_owned(),
+            why: format!("{width}x{height} pixels are more than any device has"),
+        };
+        let side = |n: usize| u32::try_from(n).map_err(|_| too_large());
+        let wanted = Format::new(side(width)?, side(height)?, fourcc(self.format));
+        let got = guarded(name, || device.set_format(&wanted)).map_err(|error| match error {
+            CaptureError::Camera { why, .. }
+                if why == Error::from_raw_os_error(EINVAL).to_string() =>
+            {
+                CaptureError::Camera {
+                    camera: name.to_owned(),
+                    what: "cannot be used".to_owned(),
+                    why: format!(
+                        "it does not take {} in {width}x{height} pixels",
+                        self.format.name()
+                    ),
+                }
+            }
+            other => other,
+        })?;
+        let same = |a: FourCC, b: FourCC| a == b;
+        if same(got.fourcc, wanted.fourcc)
+            && (got.width, got.height) == (wanted.width, wanted.height)
+        {
+            return Ok(got);
+        }
+        Err(CaptureError::Camera {
+            camera: name.to_owned(),
+            what: "cannot be used".to_owned(),
+            why: format!(
+                "it gives {} in {}x{} pixels where {} in {width}x{height} was asked for",
+                got.fourcc,
+                got.width,
+                got.height,
+                self.format.name()
+            ),
+        })
+    }
+
+    /// Bytes from one row to the next, as the driver has set them.
+    pub(super) fn stride(&self, device: &Device, name: &str) -> Result<usize, CaptureError> {
+        let format = guarded(name, || device.format())?;
+        Ok(format.stride as usize)
+    }
+}
