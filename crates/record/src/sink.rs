@@ -1,0 +1,291 @@
+//! From what waits to bytes on a disk: pictures are encoded, messages gathered into chunks, chunks appended. No threads, no clock: whoever calls
+//! [`Sink::work`] decides when, on which thread and at what time.
+//!
+//! A chunk that the storage does not take stays here until it does, byte for byte, and nothing else is begun: so the file is always whole chunks and
+//! at most one that is cut short, and what does not fit waits in the bounded queue.
+
+use std::io;
+
+use crate::error::RecordError;
+use crate::mcap::{Channel, Schema, Writer};
+use crate::picture::Pictures;
+use crate::queue::{PicturePair, Work};
+use crate::storage::Storage;
+
+/// A chunk is closed when it spans so much time of its messages, ns: what a crash costs at most is this and what waits in the queue.
+const CHUNK_NS: u64 = 500_000_000;
+
+/// A chunk is closed when it has so many bytes; a pair of pictures may come on top.
+const CHUNK_BYTES: usize = 2 << 20;
+
+/// Time between two attempts at a storage that failed, s.
+const RETRY_S: f64 = 0.5;
+
+/// Time between two syncs, s.
+const SYNC_S: f64 = 1.0;
+
+/// Where pictures go: the channels of left and right, and how they are written.
+#[derive(Clone, Copy, Debug)]
+pub struct PictureChannels {
+    /// Indexes of the channels, left and right.
+    pub channels: [usize; 2],
+    /// Names of the cameras' frames.
+    pub frames: [&'static str; 2],
+    /// How they are written.
+    pub pictures: Pictures,
+}
+
+/// A recording while it is written.
+pub struct Sink<S> {
+    storage: S,
+    writer: Writer,
+    pictures: PictureChannels,
+    /// Bytes that the storage has not taken yet, from `taken` on.
+    out: Vec<u8>,
+    taken: usize,
+    /// Length of the file up to the last whole chunk.
+    whole: u64,
+    next_try_s: f64,
+    synced_s: f64,
+    unsynced: bool,
+    failure: Option<String>,
+    failures: u64,
+    pictures_failed: u64,
+    bytes: u64,
+}
+
+impl<S: Storage> Sink<S> {
+    /// A recording that begins; nothing is written before [`Sink::work`] or [`Sink::drain`] is called.
+    pub fn new(
+        storage: S,
+        library: &str,
+        schemas: Vec<Schema>,
+        channels: Vec<Channel>,
+        pictures: PictureChannels,
+    ) -> Self {
+        let (writer, out) = Writer::new(library, schemas, channels);
+        Self {
+            storage,
+            writer,
+            pictures,
+            out,
+            taken: 0,
+            whole: 0,
+            next_try_s: f64::NEG_INFINITY,
+            synced_s: f64::NEG_INFINITY,
+            unsynced: false,
+            failure: None,
+            failures: 0,
+            pictures_failed: 0,
+            bytes: 0,
+        }
+    }
+
+    /// Why the storage takes nothing now; `None` while it does.
+    pub fn failure(&self) -> Option<&str> {
+        self.failure.as_deref()
+    }
+
+    /// How often the storage began to fail.
+    pub fn failures(&self) -> u64 {
+        self.failures
+    }
+
+    /// Pictures that could not be encoded.
+    pub fn pictures_failed(&self) -> u64 {
+        self.pictures_failed
+    }
+
+    /// Bytes that the storage took.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// Whether more work can be begun: everything handed out so far was taken.
+    pub fn is_ready(&self) -> bool {
+        self.taken == self.out.len()
+    }
+
+    /// Facts and files that stand before the first message.
+    pub fn begin(
+        &mut self,
+        facts: &[(String, String)],
+        attachments: &[(String, &'static str, Vec<u8>)],
+    ) {
+        let metadata = self.writer.metadata("vergence", facts);
+        self.hand_out(metadata);
+        for (name, media_type, data) in attachments {
+            let attachment = self.writer.attachment(name, media_type, 0, data);
+            self.hand_out(attachment);
+        }
+    }
+
+    /// Take one piece of work into the open chunk, and hand that out when it is full. To be called only while [`Sink::is_ready`].
+    pub fn work(&mut self, work: Work, now_s: f64) -> Option<PicturePair> {
+        let log_ns = match &work {
+            Work::Numbers { log_ns, .. } | Work::Pictures { log_ns, .. } => *log_ns,
+        };
+        if let Some((first, _)) = self.writer.open_times()
+            && (log_ns.saturating_sub(first) >= CHUNK_NS || log_ns < first)
+        {
+            self.close_chunk();
+        }
+        let pair = match work {
+            Work::Numbers { items, .. } => {
+                for item in items {
+                    self.writer
+                        .message(item.channel, log_ns, item.publish_ns, &item.data);
+                }
+                None
+            }
+            Work::Pictures { pair, .. } => {
+                self.pictures(&pair, log_ns);
+                Some(pair)
+            }
+        };
+        if self.writer.open_bytes() >= CHUNK_BYTES {
+            self.close_chunk();
+        }
+        self.drain(now_s);
+        pair
+    }
+
+    fn pictures(&mut self, pair: &PicturePair, log_ns: u64) {
+        let to = self.pictures;
+        for eye in 0..2 {
+            let capture_ns = pair.capture_ns[eye];
+            match to.pictures.encode(&pair.pictures[eye]) {
+                Ok(file) => {
+                    let format = to.pictures.format();
+                    let data = crate::foxglove::compressed_image(
+                        capture_ns,
+                        to.frames[eye],
+                        format,
+                        &file,
+                    );
+                    self.writer
+                        .message(to.channels[eye], log_ns, capture_ns, &data);
+                }
+                Err(_) => self.pictures_failed += 1,
+            }
+        }
+    }
+
+    /// Hand out the open chunk when its first message is older than this: what there is shall not wait for what comes.
+    pub fn close_older(&mut self, than_ns: u64) {
+        let old = self
+            .writer
+            .open_times()
+            .is_some_and(|(first, _)| first < than_ns);
+        if old && self.is_ready() {
+            self.close_chunk();
+        }
+    }
+
+    /// Hand out what lies in the open chunk.
+    pub fn close_chunk(&mut self) {
+        let chunk = self.writer.take_chunk();
+        self.hand_out(chunk);
+    }
+
+    fn hand_out(&mut self, bytes: Vec<u8>) {
+        if self.is_ready() {
+            self.out = bytes;
+            self.taken = 0;
+        } else {
+            self.out.extend(bytes);
+        }
+    }
+
+    /// Give the storage what it has not taken yet; one that failed is asked again after half a second.
+    pub fn drain(&mut self, now_s: f64) {
+        if self.failure.is_some() && now_s < self.next_try_s {
+            return;
+        }
+        while !self.is_ready() {
+            match self.storage.append(&self.out[self.taken..]) {
+                Ok(0) => break,
+                Ok(count) => {
+                    self.taken += count.min(self.out.len() - self.taken);
+                    self.bytes += count as u64;
+                    self.failure = None;
+                    self.unsynced = true;
+                }
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+                Err(e) if e.kind() == io::ErrorKind::WouldBlock => break,
+                Err(e) => {
+                    self.failed(&e, now_s);
+                    return;
+                }
+            }
+        }
+        if self.is_ready() {
+            self.whole = self.writer.length();
+            self.sync(now_s, SYNC_S);
+        }
+    }
+
+    fn sync(&mut self, now_s: f64, every_s: f64) {
+        if !self.unsynced || now_s - self.synced_s < every_s {
+            return;
+        }
+        self.synced_s = now_s;
+        match self.storage.sync() {
+            Ok(()) => self.unsynced = false,
+            Err(e) => self.failed(&e, now_s),
+        }
+    }
+
+    fn failed(&mut self, e: &io::Error, now_s: f64) {
+        if self.failure.is_none() {
+            self.failures += 1;
+        }
+        self.failure = Some(e.to_string());
+        self.next_try_s = now_s + RETRY_S;
+    }
+
+    /// End the file: the open chunk, the summary. When the storage takes no more, what is there is cut to the last whole chunk, and the error
+    /// says why.
+    pub fn finish(mut self) -> Result<u64, RecordError> {
+        // A storage that failed is asked a last time at once; one that takes nothing "now" is asked no more than a bounded number of times.
+        self.next_try_s = f64::NEG_INFINITY;
+        if self.is_ready() {
+            self.close_chunk();
+        }
+        self.drain(f64::INFINITY);
+        if !self.is_ready() {
+            let reason = self
+                .failure
+                .unwrap_or_else(|| "it takes nothing".to_owned());
+            // Best effort: what is left after the last whole chunk is no chunk, and a reader passes over it as well.
+            let _ = self.storage.cut(self.whole);
+            return Err(RecordError::Io {
+                action: "finishing",
+                source: io::Error::other(reason),
+            });
+        }
+        let end = self.writer.finish();
+        let mut taken = 0;
+        while taken < end.len() {
+            match self.storage.append(&end[taken..]) {
+                Ok(count) if count > 0 => taken += count,
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+                other => {
+                    let _ = self.storage.cut(self.whole);
+                    return Err(RecordError::Io {
+                        action: "finishing",
+                        source: other
+                            .err()
+                            .unwrap_or_else(|| io::Error::other("it takes nothing")),
+                    });
+                }
+            }
+        }
+        let failed = |source| RecordError::Io {
+            action: "finishing",
+            source,
+        };
+        self.storage.sync().map_err(failed)?;
+        Ok(self.bytes + end.len() as u64)
+    }
+}

@@ -1,0 +1,170 @@
+//! Proves: whatever the disk does, the loop goes on, what is whole can be read, numbers are kept as long as there is room for them, pictures give
+//! way first and are counted. Runs on a clock that is told; the real disk that fills up is tried by hand (docs/performance.md).
+
+// Helper functions outside `#[test]` fail the test as the tests themselves do.
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
+
+mod runs;
+
+use proptest::prelude::*;
+use runs::{Disk, Mood, description, pair, png, step};
+use vergence_record::recording::Info;
+use vergence_record::{Beside, Limits, RecordSettings, RecordStatus, Recorder};
+
+const SIZE: (usize, usize) = (64, 48);
+
+/// Record so many pairs on a disk that changes its mood before some of them.
+fn run(settings: RecordSettings, pairs: u64, moods: &[(u64, Mood)]) -> (Info, RecordStatus, bool) {
+    let disk = Disk::new();
+    let mut recorder = Recorder::here(description(SIZE), settings, Box::new(disk.clone())).unwrap();
+    for index in 0..pairs {
+        if let Some((_, mood)) = moods.iter().find(|(at, _)| *at == index) {
+            disk.set(*mood);
+        }
+        let pair = pair(index, SIZE);
+        let step = step(&pair);
+        recorder.step(&pair, &step, Beside::default());
+        recorder.pump(step.command_s);
+        let [pictures, numbers] = recorder.waiting_bytes();
+        let one = 2 * 3 * SIZE.0 * SIZE.1;
+        assert!(pictures <= settings.limits.pictures_bytes.max(one));
+        assert!(numbers <= settings.limits.numbers_bytes);
+    }
+    let (status, result) = recorder.finish(pairs as f64 / runs::FPS + 1.0);
+    let info = Info::read(&disk.bytes()[..]).unwrap();
+    (info, status, result.is_ok())
+}
+
+/// A disk that is busy for two seconds: pictures are thinned and counted, every number is there, and thinning ends.
+#[test]
+fn a_slow_disk_costs_pictures_only() {
+    let settings = RecordSettings {
+        limits: Limits {
+            pictures_bytes: 10 * 2 * 3 * SIZE.0 * SIZE.1,
+            ..Limits::default()
+        },
+        ..png()
+    };
+    let (info, status, finished) = run(
+        settings,
+        400,
+        &[(60, Mood::Busy), (120, Mood::Good), (150, Mood::Short(700))],
+    );
+    assert!(finished && info.contents.problems.is_empty());
+    assert_eq!(info.pairs, 400);
+    assert_eq!(status.counts.numbers_lost, 0);
+    assert!(status.counts.pictures_thinned > 30, "{status:?}");
+    assert_eq!(status.every, 1, "thinning ends when the disk is well again");
+    let images = info
+        .channels
+        .iter()
+        .find(|c| c.topic == "/left/image")
+        .unwrap();
+    assert_eq!(images.messages, status.counts.pictures_kept);
+    assert_eq!(
+        status.counts.pictures_kept + status.counts.pictures_thinned,
+        400
+    );
+    assert_eq!(
+        info.recorder.unwrap().pictures_thinned,
+        status.counts.pictures_thinned,
+        "the recording says itself what it lacks"
+    );
+}
+
+/// A full disk is told, costs no number while there is memory, and when it has room again the file goes on whole.
+#[test]
+fn a_full_disk_recovers() {
+    let (info, status, finished) = run(png(), 300, &[(50, Mood::Full), (200, Mood::Good)]);
+    assert!(finished && info.contents.problems.is_empty());
+    assert_eq!((info.pairs, status.counts.numbers_lost), (300, 0));
+    assert_eq!(status.failures, 1);
+    assert!(status.counts.pictures_thinned >= 100);
+    let failed = info.recorder.unwrap();
+    assert_eq!(failed.failed, None);
+}
+
+/// A disk that stays full: what was there before is whole and is all that is there; the end of the file says so by its absence.
+#[test]
+fn a_disk_that_stays_full_keeps_what_it_has() {
+    let (info, status, finished) = run(png(), 300, &[(100, Mood::Full)]);
+    assert!(!finished && !info.contents.finished);
+    assert!(status.failure.is_some());
+    // Everything but the last chunk that was open.
+    assert!((80..=100).contains(&info.pairs), "{}", info.pairs);
+    assert_eq!(
+        info.contents.problems.len(),
+        1,
+        "{:?}",
+        info.contents.problems
+    );
+}
+
+/// Full from the start: no file to speak of, no panic, and the run would go on.
+#[test]
+fn full_from_the_start() {
+    let disk = Disk::new();
+    disk.set(Mood::Full);
+    let mut recorder = Recorder::here(description(SIZE), png(), Box::new(disk.clone())).unwrap();
+    let pair = pair(0, SIZE);
+    recorder.step(&pair, &step(&pair), Beside::default());
+    recorder.pump(0.0);
+    assert!(recorder.status().failure.is_some());
+    assert!(recorder.finish(1.0).1.is_err());
+    assert!(disk.bytes().is_empty());
+}
+
+/// Even numbers have a bound: it is kept, and what is lost is counted.
+#[test]
+fn memory_is_bounded() {
+    let settings = RecordSettings {
+        limits: Limits {
+            numbers_bytes: 40_000,
+            ..Limits::default()
+        },
+        ..png()
+    };
+    let (_, status, _) = run(settings, 200, &[(10, Mood::Full)]);
+    assert!(status.counts.numbers_lost > 500);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
+
+    /// Moods in any order: the file is readable to its last whole chunk, and if it is finished every pair is there.
+    #[test]
+    fn any_moods(changes in prop::collection::vec((0u64..120, 0u8..4), 0..6)) {
+        let moods: Vec<_> = changes
+            .iter()
+            .map(|(at, mood)| (*at, match mood {
+                0 => Mood::Good,
+                1 => Mood::Short(999),
+                2 => Mood::Busy,
+                _ => Mood::Full,
+            }))
+            .collect();
+        let disk = Disk::new();
+        let mut recorder = Recorder::here(description(SIZE), png(), Box::new(disk.clone())).unwrap();
+        for index in 0..120 {
+            if let Some((_, mood)) = moods.iter().find(|(at, _)| *at == index) {
+                disk.set(*mood);
+            }
+            let pair = pair(index, SIZE);
+            recorder.step(&pair, &step(&pair), Beside::default());
+            recorder.pump(index as f64 / runs::FPS);
+        }
+        let (status, result) = recorder.finish(10.0);
+        prop_assert_eq!(status.counts.numbers_lost, 0);
+        if let Ok(info) = Info::read(&disk.bytes()[..]) {
+            prop_assert!(info.unreadable == 0);
+            if result.is_ok() {
+                prop_assert!(info.contents.finished && info.contents.problems.is_empty());
+                prop_assert_eq!(info.pairs, 120);
+            } else {
+                prop_assert!(info.contents.problems.len() <= 1);
+            }
+        } else {
+            prop_assert!(result.is_err());
+        }
+    }
+}

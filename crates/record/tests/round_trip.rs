@@ -1,0 +1,138 @@
+//! Proves: what is recorded is read back, every bit of numbers and (as PNG) of pictures; the same run gives the same bytes with and without a thread;
+//! a replay gives the pairs and the readings again. Does not say that other programs read it: `ci/record` does.
+
+// Helper functions outside `#[test]` fail the test as the tests themselves do.
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
+
+mod runs;
+
+use runs::{Disk, description, pair, png, readings, step};
+use vergence_capture::Source as _;
+use vergence_control::{AxisLimits, AxisName};
+use vergence_record::recording::{Info, Recording};
+use vergence_record::table::Row as _;
+use vergence_record::{Beside, Recorder, ReplaySource, Topic, WhenFull, rows, steps};
+
+const SIZE: (usize, usize) = (48, 32);
+const PAIRS: u64 = 70;
+
+fn record(mut recorder: Recorder, pairs: u64) {
+    for index in 0..pairs {
+        let pair = pair(index, SIZE);
+        let beside = Beside {
+            readings: readings(&pair),
+            ..Beside::default()
+        };
+        let step = step(&pair);
+        recorder.step(&pair, &step, beside);
+        recorder.pump(step.command_s);
+    }
+    let (status, result) = recorder.finish(1e3);
+    result.unwrap();
+    assert_eq!(status.counts.pictures_thinned, 0);
+    assert_eq!(status.counts.numbers_lost, 0);
+}
+
+fn recorded() -> Vec<u8> {
+    let disk = Disk::new();
+    record(
+        Recorder::here(description(SIZE), png(), Box::new(disk.clone())).unwrap(),
+        PAIRS,
+    );
+    disk.bytes()
+}
+
+/// Numbers come back as they went in, in order, and the file says that it is whole.
+#[test]
+fn numbers_come_back() {
+    let bytes = recorded();
+    let info = Info::read(&bytes[..]).unwrap();
+    assert!(info.contents.finished && info.contents.problems.is_empty());
+    assert_eq!(info.pairs, PAIRS);
+    assert_eq!((info.pairs_missing, info.gaps, info.unreadable), (0, 0, 0));
+    assert_eq!(info.contents.facts["seed"], "7");
+    assert_eq!(info.contents.text("settings.toml"), Some("a = 1\n"));
+    assert!((info.period_s.unwrap() - 1.0 / runs::FPS).abs() < 1e-9);
+    let mut recording = Recording::new(&bytes[..]).unwrap();
+    let (mut estimates, mut axes) = (0, 0);
+    while let Some(message) = recording.next_message().unwrap() {
+        match message.topic {
+            Some(Topic::Estimate) => {
+                let step = step(&pair(estimates, SIZE));
+                let row = steps::estimate(estimates, step.estimate.as_ref().unwrap());
+                assert_eq!(rows::Estimate::decode(&message.data).unwrap(), row);
+                estimates += 1;
+            }
+            Some(Topic::Axis) => {
+                let row = rows::Axis::decode(&message.data).unwrap();
+                assert!(
+                    row.velocity_rad_s.is_sign_negative(),
+                    "the sign of -0 is kept"
+                );
+                assert_eq!(row, readings(&pair(axes / 4, SIZE))[axes as usize % 4]);
+                axes += 1;
+            }
+            _ => {}
+        }
+    }
+    assert_eq!((estimates, axes), (PAIRS, 4 * PAIRS));
+}
+
+/// A thread beside the loop writes the same bytes as the caller.
+#[test]
+fn the_thread_changes_nothing() {
+    let disk = Disk::new();
+    record(
+        Recorder::beside(
+            description(SIZE),
+            png(),
+            Box::new(disk.clone()),
+            WhenFull::Wait,
+        )
+        .unwrap(),
+        PAIRS,
+    );
+    assert!(disk.bytes() == recorded(), "bytes differ");
+}
+
+/// A replay gives every picture, time and reading again.
+#[test]
+fn a_replay_is_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    std::fs::write(&path, recorded()).unwrap();
+    let mut source = ReplaySource::open(&path).unwrap();
+    assert!(source.is_lossless());
+    assert_eq!(source.info().cameras, [runs::camera(SIZE); 2]);
+    let limits = AxisLimits {
+        position_min_rad: -1.0,
+        position_max_rad: 1.0,
+        velocity_max_rad_s: 1.0,
+        acceleration_max_rad_s2: 1.0,
+        jerk_max_rad_s3: 1.0,
+    };
+    let drive = source.drive([limits; 4]);
+    for index in 0..PAIRS {
+        let found = source.next_pair(None).unwrap().unwrap();
+        let wanted = pair(index, SIZE);
+        assert_eq!(found.index, index);
+        for (found, wanted) in [(&found.left, &wanted.left), (&found.right, &wanted.right)] {
+            assert!(found.picture == wanted.picture, "picture {index}");
+            assert_eq!(found.capture_s.to_bits(), wanted.capture_s.to_bits());
+            assert_eq!(found.arrival_s.to_bits(), wanted.arrival_s.to_bits());
+        }
+        for (axis, row) in AxisName::ALL.into_iter().zip(readings(&wanted)) {
+            let reading = drive.reading(axis, wanted.capture_s()).unwrap();
+            assert_eq!(reading.position_rad.to_bits(), row.position_rad.to_bits());
+        }
+    }
+    assert!(source.next_pair(None).unwrap().is_none());
+    // A question that was not asked in the run is answered between the readings around it.
+    let between = drive
+        .reading(AxisName::Pan, 0.5 / runs::FPS + 60.0 / runs::FPS)
+        .unwrap();
+    assert!(
+        (between.position_rad - 60.5 / 3.0).abs() < 1e-3,
+        "{between:?}"
+    );
+}
