@@ -1,0 +1,315 @@
+//! One seed: the whole loop on the simulated clock, with its faults, watched at every step.
+
+use std::collections::VecDeque;
+
+use vergence_capture::{Frame, Pairer, PairingLimits, SourceInfo, StereoFrame};
+use vergence_control::{ControlSettings, Controller, ModeRequest, RigState, SupervisorSettings};
+use vergence_geometry::HeadGeometry;
+use vergence_imaging::Rgb;
+use vergence_servo::{Conductor, Motors, Rigging, Servo, ServoSettings, WatchSettings};
+
+use crate::eyes::{self, Eyes, FPS, Sent};
+use crate::faults::{Fault, Planted, planted};
+use crate::machine::Machine;
+use crate::tape::{Mood, Tape};
+use crate::verdict::{Verdict, Watcher};
+
+/// The world moves on by this much at a time, s.
+pub const STEP_S: f64 = 0.005;
+
+/// From a pair's arrival to its setpoints, s: the loop's own time.
+const PROCESSING_S: f64 = 0.005;
+
+/// Without a pair the loop looks this often, s.
+const LOOK_S: f64 = 0.010;
+
+/// A person needs this long to see a fault and act, s.
+const PERSON_S: f64 = 0.5;
+
+/// Having acted, a person waits this long before acting again, s.
+const PATIENCE_S: f64 = 3.0;
+
+/// The recording is read this often while it is written, s.
+const READ_EVERY_S: f64 = 7.3;
+
+/// So many frames may be on their way.
+const MOST_ON_THE_WAY: usize = 256;
+
+/// What to run.
+#[derive(Clone, Copy, Debug)]
+pub struct Plan {
+    /// Chooses everything.
+    pub seed: u64,
+    /// Length, s of the world.
+    pub seconds: f64,
+    /// A bug that the watcher must catch.
+    pub bug: Option<crate::bugs::Bug>,
+    /// Whether what happens is printed as it happens.
+    pub trace: bool,
+}
+
+/// The whole rig with its world.
+struct Run {
+    faults: Vec<Planted>,
+    world_s: f64,
+    /// What the program's clock is ahead of the world, s.
+    clock_s: f64,
+    machine: Machine,
+    eyes: Eyes,
+    on_the_way: VecDeque<Sent>,
+    pairer: Pairer<(u64, Rgb)>,
+    ready: Option<(StereoFrame, f64)>,
+    conductor: Conductor,
+    tape: Tape,
+    read_s: f64,
+    looked_s: f64,
+    person_s: Option<f64>,
+    watcher: Watcher,
+}
+
+/// Run a seed.
+///
+/// # Errors
+/// A simulation that cannot be set up or breaks by itself: not a finding.
+pub fn run(plan: Plan) -> anyhow::Result<Verdict> {
+    let faults = planted(plan.seed, plan.seconds);
+    let mut run = Run::new(plan, faults)?;
+    let steps = (plan.seconds / STEP_S).round() as u64;
+    for step in 1..=steps {
+        run.step(step as f64 * STEP_S)?;
+    }
+    Ok(run.finish())
+}
+
+fn geometry() -> HeadGeometry {
+    HeadGeometry {
+        interaxial_m: 0.07,
+        pupil_m: 0.0,
+    }
+}
+
+/// The loop as `vergence run` builds it, for these small pictures.
+fn conductor(machine: &Machine) -> anyhow::Result<Conductor> {
+    // The simulated controller has no play, and none is known.
+    let backlash_rad = [0.0; 4];
+    let mut control = ControlSettings {
+        focal_px: eyes::camera().intrinsics.fx,
+        backlash_rad,
+        lead_s: 0.5 / FPS,
+        ..ControlSettings::default()
+    };
+    control.mode.request = ModeRequest::Converged;
+    let controller = Controller::new(control, geometry(), machine.limits())?;
+    let motors = Motors::new(geometry(), machine.drive(), backlash_rad, controller);
+    let info = SourceInfo {
+        name: "fault simulation".to_owned(),
+        cameras: [eyes::camera(); 2],
+        fixed_base_from_cam: None,
+        fps: FPS,
+        pairs: None,
+    };
+    let settings = ServoSettings {
+        watch: WatchSettings {
+            every_s: 0.0,
+            correct: false,
+        },
+        ..ServoSettings::default()
+    };
+    let servo = Servo::new(&info, Rigging::Motors(Box::new(motors)), &settings)?;
+    Ok(Conductor::new(servo, SupervisorSettings::default())?)
+}
+
+impl Run {
+    fn new(plan: Plan, faults: Vec<Planted>) -> anyhow::Result<Self> {
+        let machine = Machine::new(plan.seed, plan.bug)?;
+        let eyes = Eyes::new(plan.seed, plan.seconds, geometry(), machine.mount())?;
+        Ok(Self {
+            watcher: Watcher::new(&plan, &faults),
+            conductor: conductor(&machine)?,
+            pairer: Pairer::new(PairingLimits::for_fps(FPS))?,
+            faults,
+            world_s: 0.0,
+            clock_s: 0.0,
+            machine,
+            eyes,
+            on_the_way: VecDeque::new(),
+            ready: None,
+            tape: Tape::new(plan.seed, plan.bug)?,
+            read_s: 0.0,
+            looked_s: 0.0,
+            person_s: None,
+        })
+    }
+
+    /// Let the world go on to `world_s`.
+    fn step(&mut self, world_s: f64) -> anyhow::Result<()> {
+        self.world_s = world_s;
+        for planted in &self.faults {
+            if let Fault::ClockJump(by_s) = planted.fault
+                && planted.begins(world_s, STEP_S)
+            {
+                self.clock_s += by_s;
+            }
+        }
+        self.machine
+            .advance(world_s, world_s + self.clock_s, &self.faults);
+        while self.eyes.next_exposed_s() <= world_s {
+            let sent = self.eyes.expose(&self.faults, self.clock_s)?;
+            self.on_the_way.extend(sent);
+        }
+        self.deliver();
+        if !self.is_on(|f| matches!(f, Fault::LoopStall)) {
+            self.program()?;
+            self.person();
+        }
+        self.watch();
+        self.record();
+        Ok(())
+    }
+
+    /// The program's time, made steady, s.
+    fn steady_s(&self) -> f64 {
+        self.world_s + self.clock_s + self.conductor.offset_s()
+    }
+
+    /// Let the recorder work, and read every so often what lies on the disk.
+    fn record(&mut self) {
+        let mood = if self.is_on(|f| matches!(f, Fault::DiskFull)) {
+            Mood::Full
+        } else if self.is_on(|f| matches!(f, Fault::DiskSlow)) {
+            Mood::Slow
+        } else {
+            Mood::Good
+        };
+        let now_s = self.steady_s();
+        self.tape.pump(self.world_s, now_s, mood);
+        if self.world_s - self.read_s >= READ_EVERY_S {
+            self.read_s = self.world_s;
+            if let Some(wrong) = self.tape.wrong(self.world_s) {
+                self.watcher.violated(self.world_s, &wrong);
+            }
+        }
+    }
+
+    fn finish(mut self) -> Verdict {
+        let now_s = self.steady_s();
+        if let Some(wrong) = self.tape.finish(now_s) {
+            self.watcher.violated(self.world_s, &wrong);
+        }
+        self.watcher.verdict()
+    }
+
+    fn is_on(&self, wanted: fn(&Fault) -> bool) -> bool {
+        let on = |p: &Planted| p.is_on(self.world_s) && wanted(&p.fault);
+        self.faults.iter().any(on)
+    }
+
+    /// Frames that have come in go to the pairing.
+    fn deliver(&mut self) {
+        self.watcher.bound(
+            "frames on their way",
+            self.on_the_way.len(),
+            MOST_ON_THE_WAY,
+        );
+        let mut i = 0;
+        while i < self.on_the_way.len() {
+            if self.on_the_way[i].arrival_s > self.world_s {
+                i += 1;
+                continue;
+            }
+            if let Some(sent) = self.on_the_way.remove(i) {
+                self.pairer
+                    .push(sent.eye, sent.stamp_s, (sent.index, sent.picture));
+            }
+        }
+    }
+
+    /// What the program does in this step of the world.
+    fn program(&mut self) -> anyhow::Result<()> {
+        let now_s = self.world_s + self.clock_s;
+        if self.ready.is_none() {
+            self.ready = self.pairer.pop().map(|pair| {
+                let frame = |(_, picture): (u64, Rgb), capture_s| Frame {
+                    picture,
+                    capture_s,
+                    arrival_s: now_s,
+                };
+                let index = pair.left.0;
+                let pair = StereoFrame {
+                    index,
+                    left: frame(pair.left, pair.left_s),
+                    right: frame(pair.right, pair.right_s),
+                };
+                (pair, self.world_s + PROCESSING_S)
+            });
+        }
+        if let Some((pair, due_s)) = self.ready.take() {
+            if self.world_s + 1e-9 < due_s {
+                self.ready = Some((pair, due_s));
+            } else {
+                self.looked_s = self.world_s;
+                let step = self.conductor.take(&pair, now_s)?;
+                self.watcher.stepped(self.world_s, step.as_ref());
+                if let Some(step) = &step {
+                    self.tape.step(self.world_s, &pair, step);
+                }
+            }
+        }
+        if self.world_s - self.looked_s >= LOOK_S - 1e-9 {
+            self.looked_s = self.world_s;
+            self.conductor.look(now_s);
+        }
+        Ok(())
+    }
+
+    /// What a person at the rig does: look at a fault for half a second, clear it, and home what is not homed.
+    fn person(&mut self) {
+        let now_s = self.world_s + self.clock_s;
+        let stuck = match self.conductor.state() {
+            RigState::Fault => true,
+            RigState::Starting | RigState::Holding => self.is_unhomed(),
+            _ => false,
+        };
+        if !stuck {
+            self.person_s = None;
+            return;
+        }
+        let since_s = *self.person_s.get_or_insert(self.world_s);
+        if self.world_s - since_s >= PERSON_S {
+            self.person_s = Some(self.world_s + PATIENCE_S);
+            self.conductor.ask_home();
+            if self.conductor.state() == RigState::Fault {
+                self.conductor.ask_clear(now_s);
+            }
+            self.watcher.person(self.world_s);
+        }
+    }
+
+    fn is_unhomed(&mut self) -> bool {
+        let drive = self.conductor.servo_mut().drive_mut();
+        drive.is_some_and(|d| d.states().contains(&vergence_control::AxisState::Unhomed))
+    }
+
+    fn watch(&mut self) {
+        let sent = self.machine.take_motion();
+        let (axes, now) = (self.machine.states(), self.conductor.state());
+        self.watcher.motion(self.world_s, sent, axes, now);
+        self.watcher
+            .unlocked(self.world_s, self.machine.take_unlocks());
+        for text in self.machine.violations(self.world_s) {
+            self.watcher.violated(self.world_s, &text);
+        }
+        for decision in self.conductor.take_changes() {
+            self.watcher.changed(self.world_s, &decision);
+            self.tape.decided(&decision);
+        }
+        for event in self.conductor.take_events() {
+            self.watcher.event(self.world_s, &event);
+        }
+        self.watcher
+            .bound("frames that wait for a partner", self.pairer.waiting(), 16);
+        let pointing = self.eyes.pointing(self.world_s);
+        self.watcher
+            .rig(self.world_s, self.conductor.state(), pointing);
+    }
+}
