@@ -5,6 +5,7 @@ mod bench;
 mod gate;
 mod quality;
 mod seeds;
+mod soak;
 mod tidy;
 
 use std::process::ExitCode;
@@ -20,6 +21,8 @@ const USAGE: &str = "usage:
   cargo xtask bench-vs remap       remapping and rectification maps beside OpenCV
   cargo xtask bench-vs depth       dense disparity beside OpenCV's semi-global matchers
   cargo xtask seeds 1 20 [PATH]... the closed loop on seeds 1 to 20, each path beside its goal
+  cargo xtask soak [--first-seed N] [--seeds N] [--seed N --trace]
+                                   the loop under planted faults on a simulated clock, 1000 seeds of 60 s unless told otherwise
   cargo xtask train-quality        the default quality model from its seed, about 20 minutes on two cores
   cargo xtask evaluate-quality     that model beside the LIVE model, on the folder of reference data";
 
@@ -33,6 +36,7 @@ fn main() -> ExitCode {
         ["bench-vs", name] => bench::run(name),
         ["train-quality", words @ ..] => quality::train(words),
         ["evaluate-quality", words @ ..] => quality::evaluate(words),
+        ["soak", words @ ..] => return soak::run(words),
         ["seeds", from, to, paths @ ..] => seeds::run(from, to, paths),
         _ => {
             eprintln!("{USAGE}");

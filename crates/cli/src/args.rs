@@ -7,13 +7,19 @@ use clap::{Parser, Subcommand};
 use crate::calibrate::{self, CalibrateArgs};
 use crate::config::{self, ConfigArgs};
 use crate::depth::{self, DepthArgs};
+use crate::doctor::{self, DoctorArgs};
+use crate::export::{self, ExportArgs};
 use crate::fault;
 use crate::grade::{self, GradeArgs};
 use crate::health::{self, HealthArgs};
+use crate::home::{self, HomeArgs};
+use crate::info::{self, InfoArgs};
+use crate::jog::{self, JogArgs};
 use crate::model::{self, ModelArgs};
 use crate::plan::{self, PlanArgs};
 use crate::project::{self, ProjectArgs};
 use crate::rectify::{self, RectifyArgs};
+use crate::replay::{self, ReplayArgs};
 use crate::run::{self, RunArgs};
 use crate::settings::{Override, Settings};
 
@@ -85,6 +91,12 @@ pub(crate) enum Command {
     Project(ProjectArgs),
     #[command(about = "Hold a walking person at zero parallax, on the simulated rig or on recorded pairs", long_about = run::LONG)]
     Run(Box<RunArgs>),
+    #[command(about = "Say what is in a recording, and whether it is whole", long_about = info::LONG)]
+    Info(InfoArgs),
+    #[command(about = "Write a recording out as pictures, CSV, Parquet and video", long_about = export::LONG)]
+    Export(ExportArgs),
+    #[command(about = "Feed a recording back through the loop and compare", long_about = replay::LONG)]
+    Replay(ReplayArgs),
     #[command(about = "Measure the depth of every pixel of a pair: disparities, metres, a point cloud", long_about = depth::LONG)]
     Depth(Box<DepthArgs>),
     #[command(about = "Grade a picture or a stereo pair: how good it is, and what is wrong with it", long_about = grade::LONG)]
@@ -95,6 +107,12 @@ pub(crate) enum Command {
     Rectify(Box<RectifyArgs>),
     #[command(about = "Say how well a rig still fits its calibration, from pictures of any scene", long_about = health::LONG)]
     Health(Box<HealthArgs>),
+    #[command(about = "Say what cameras, motors and programs are there, what is wrong, and what to do next", long_about = doctor::LONG)]
+    Doctor(DoctorArgs),
+    #[command(about = "Home all axes: find their zero", long_about = home::LONG)]
+    Home(HomeArgs),
+    #[command(about = "Turn one axis by hand", long_about = jog::LONG)]
+    Jog(JogArgs),
     #[command(about = "List, show, import and remove the models that pictures are graded with", long_about = model::LONG)]
     Model(ModelArgs),
     #[command(about = "Print the effective settings with units, meanings and origins", long_about = config::LONG)]

@@ -8,15 +8,23 @@ mod calibrate;
 mod calibration;
 mod config;
 mod depth;
+mod doctor;
+mod export;
 mod fault;
 mod figure;
 mod grade;
 mod health;
+mod home;
+mod info;
+mod jog;
 mod model;
+mod motors;
+mod moving;
 mod output;
 mod plan;
 mod project;
 mod rectify;
+mod replay;
 mod rig;
 mod run;
 mod settings;
@@ -45,6 +53,12 @@ fn run(args: &Args) -> anyhow::Result<()> {
         Command::Grade(args_of_grade) => grade::run(&args.global, args_of_grade),
         Command::Calibrate(args_of_calibrate) => calibrate::run(&args.global, args_of_calibrate),
         Command::Health(args_of_health) => health::run(args_of_health),
+        Command::Info(info) => info::run(info),
+        Command::Export(export) => export::run(export),
+        Command::Replay(replay) => replay::run(replay),
+        Command::Doctor(args_of_doctor) => doctor::run(&args.global, args_of_doctor),
+        Command::Home(args_of_home) => home::run(&args.global, args_of_home),
+        Command::Jog(args_of_jog) => jog::run(&args.global, args_of_jog),
         Command::Model(model) => model::run(model),
         Command::Rectify(rectify) => rectify::run(rectify),
         Command::Config(config) => config::run(&args.global, config),

@@ -1,14 +1,15 @@
 //! `vergence run`: hold a walking person at zero parallax, on the simulated rig or on real footage.
 
-mod build;
+pub(crate) mod build;
 mod check;
 mod feed;
 mod folder;
+mod live;
 mod panel;
 mod plot;
 mod record;
+pub(crate) mod recording;
 mod report;
-mod rest;
 mod sample;
 mod session;
 mod shown;
@@ -37,9 +38,15 @@ Without flags: the simulated rig (the twin) in real time. A person walks from 10
 auto the axes stay parallel beyond the planner's threshold by plan.rule (seen depth: 6.65 to 7.35 m on the default rig) and converge nearer than it. \
 A live line shows time, state, distance, vergence angle, parallax (+ behind the screen), mode, frame rate and latency.
 
+With --motors another controller turns the axes, and the twin renders what its cameras would see where that controller's axes stand, in real time. The axes \
+must be homed (`vergence home`).
+
 With --source files: the same loop on a recorded pair, from folders of pictures or from videos (through the ffmpeg program), with the rig's calibration. Those \
 cameras cannot move, so vergence is electronic: each picture is turned by the homography by which a motor would have turned the camera, \
 and angles, disparity and parallax are those of the turned pair.
+
+With --source v4l2, rtsp or stream: the same on cameras as they see now, which stand still. Pairs are made by capture time; both eyes get the same exposure, gain, \
+white balance and focus; a camera that goes is waited for, and what happens to it is told at once.
 
 The run leaves a folder RUNS/<UTC time>/ with summary.json, frames.csv (one row per frame), plot.svg and plot.png, target_left.png and target_right.png (the \
 target with its distance drawn in, and that distance checked against the calibration), for recorded pairs converged_left.png and converged_right.png, and a short \
@@ -50,7 +57,11 @@ Examples:
   vergence run
   vergence run --mode converged --path zigzag --seed 7 --fast
   vergence run --path waypoints.csv --light dim --seconds 20s
+  vergence run --motors linuxcnc:127.0.0.1:5007
   vergence run --source files --left 'frames/left_*.jpg' --right 'frames/right_*.jpg' --calibration calib.json
+  vergence run --source v4l2 --left /dev/video0 --right /dev/video2 --calibration rig.toml
+  vergence run --source v4l2 --device /dev/video0 --calibration rig.toml
+  vergence run --source rtsp --left rtsp://10.0.0.7/main --right rtsp://10.0.0.8/main --calibration rig.toml
   vergence run --source files --left left.mp4 --right right.mp4 --calibration rig.toml --target 300,200,80,220
 
 Paths: walk, cross, zigzag, stop-and-go, occlude, two, or a CSV file of waypoints (time_s,x_m,z_m or x_m,z_m,speed_m_s).
@@ -66,6 +77,12 @@ pub(crate) enum SourceKind {
     Twin,
     /// Recorded pictures or videos with a calibration.
     Files,
+    /// Video devices of this machine.
+    V4l2,
+    /// Network cameras by RTSP.
+    Rtsp,
+    /// Any other live stream, through ffmpeg.
+    Stream,
 }
 
 /// What to do with a picture that cannot be read or has no partner.
@@ -99,9 +116,15 @@ pub(crate) struct RunArgs {
     /// Stop after this much time of the run [default: as long as the path or the recording].
     #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
     seconds: Option<String>,
+    /// What turns the cameras: simulated, grbl:PORT, linuxcnc:HOST:PORT [default: simulated].
+    #[arg(long, value_name = "CONTROLLER")]
+    motors: Option<String>,
     /// Do not wait for the wall clock.
     #[arg(long)]
     fast: bool,
+    /// Leave no recording.mcap in the run's folder.
+    #[arg(long)]
+    no_record: bool,
     /// No live line on the terminal.
     #[arg(long)]
     headless: bool,
@@ -111,7 +134,7 @@ pub(crate) struct RunArgs {
     /// A box around the target in the first left picture, pixels; without it whoever moves is the target.
     #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true)]
     target: Option<String>,
-    /// Left pictures: a folder, a pattern in quotes ('dir/left_*.jpg'), a video, or a URL.
+    /// Left pictures: a folder, a pattern in quotes ('dir/left_*.jpg'), a video, or a URL; of cameras the device (/dev/video0) or the URL.
     #[arg(long, value_name = "PICTURES", help_heading = "Files")]
     left: Option<PathBuf>,
     /// Right pictures.
@@ -142,6 +165,8 @@ pub(crate) struct RunArgs {
     #[arg(long, value_enum, default_value_t)]
     format: Format,
     #[command(flatten)]
+    cameras_live: live::CameraFlags,
+    #[command(flatten)]
     rig: RigFlags,
 }
 
@@ -155,8 +180,12 @@ pub(crate) fn run(global: &Global, args: &RunArgs) -> anyhow::Result<()> {
         ("run.light", "--light", &args.light),
         ("run.seconds", "--seconds", &args.seconds),
         ("run.out", "--out", &args.out),
+        ("motors.controller", "--motors", &args.motors),
     ] {
         rig::push(&mut flags, path, flag, text.as_deref());
+    }
+    if args.no_record {
+        rig::push(&mut flags, "record.on", "--no-record", Some("false"));
     }
     let settings = global.settings(&flags)?;
     let built = build::from_args(args, &settings)?;

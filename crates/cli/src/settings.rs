@@ -125,6 +125,17 @@ impl Settings {
         Ok(settings)
     }
 
+    /// Defaults, then the settings that a recording holds. The person's file of waypoints is not in it, and no walk is needed.
+    pub(crate) fn from_recording(path: &Path, text: &str) -> anyhow::Result<Self> {
+        let mut settings = Self::defaults()?;
+        settings
+            .apply_file(&path.join("settings.toml"), text)
+            .map_err(|e| e.hint("the recording may be of another version of the program"))?;
+        settings.set("run.path", Value::Word("walk".to_owned()), Origin::Default);
+        settings.check_together()?;
+        Ok(settings)
+    }
+
     fn defaults() -> anyhow::Result<Self> {
         let entries = keys::all()
             .map(|key| {
@@ -329,6 +340,11 @@ impl Settings {
             print::value_text(b),
             b.origin
         )))
+    }
+
+    /// The settings alone, as a file.
+    pub(crate) fn to_bare_toml(&self) -> String {
+        print::bare_toml(self)
     }
 
     /// The settings as a TOML file with every default, unit and meaning.

@@ -1,10 +1,14 @@
 //! From flags and settings to a source, a loop and a plan; everything that can be refused is refused here.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use vergence_calib::{MachineCalibration, ReadOptions, RigCalibration};
-use vergence_capture::{FilesConfig, FilesSource, OnFault, TwinConfig, TwinSource};
-use vergence_control::{AutoThreshold, ControlSettings, Controller, ModeRequest, ModeSettings};
+use vergence_capture::{FilesConfig, FilesSource, OnFault, RealClock, TwinConfig, TwinSource};
+use vergence_control::{
+    AutoThreshold, AxisName, AxisState, BoxedDrive, ControlSettings, Controller, Drive as _,
+    ModeRequest, ModeSettings,
+};
 use vergence_geometry::comfort::Rule;
 use vergence_geometry::planning::{self, Setup};
 use vergence_geometry::{Camera, Screen, Viewer};
@@ -12,11 +16,13 @@ use vergence_servo::{Motors, Rigging, Servo, ServoSettings, WatchSettings};
 use vergence_track::{FollowSettings, PixelBox, Posture, TrackError, check_box};
 
 use crate::fault::{self, Fault};
+use crate::motors::{MotorsSpec, axis_word, state_word};
 use crate::settings::Settings;
 use crate::settings::quantity::Dimension;
 
 use super::feed::Feed;
-use super::session::Plan;
+use super::recording::RecordPlan;
+use super::session::{Live, Plan};
 use super::view::Screening;
 use super::{FaultAction, RunArgs, SourceKind};
 
@@ -30,10 +36,35 @@ pub(crate) struct Built {
 pub(crate) fn from_args(args: &RunArgs, settings: &Settings) -> anyhow::Result<Built> {
     let target = args.target.as_deref().map(box_from_text).transpose()?;
     let setup = crate::rig::setup(settings);
+    let kind = match args.source {
+        SourceKind::Twin => "twin",
+        SourceKind::Files => "files",
+        SourceKind::V4l2 | SourceKind::Rtsp | SourceKind::Stream => "live",
+    };
+    let mut record = RecordPlan::from_settings(settings, kind);
+    if let Some(record) = &mut record {
+        record.target = args.target.clone();
+    }
+    let mut motors = None;
     let (feed, servo, calibration) = match args.source {
-        SourceKind::Twin => twin(args, settings, &setup, target)?,
+        SourceKind::Twin => {
+            motors = live_motors(args, settings)?;
+            twin(
+                args,
+                settings,
+                &setup,
+                target,
+                motors.as_ref(),
+                record.as_mut(),
+            )?
+        }
         SourceKind::Files => {
             let (feed, servo) = files(args, settings, target)?;
+            let file = args.calibration.as_deref().map(|p| last_parts(p, 1));
+            (feed, servo, file.unwrap_or_default())
+        }
+        SourceKind::V4l2 | SourceKind::Rtsp | SourceKind::Stream => {
+            let (feed, servo) = live(args, settings, target)?;
             let file = args.calibration.as_deref().map(|p| last_parts(p, 1));
             (feed, servo, file.unwrap_or_default())
         }
@@ -42,11 +73,14 @@ pub(crate) fn from_args(args: &RunArgs, settings: &Settings) -> anyhow::Result<B
     let pitch_m = match &feed {
         Feed::Twin(_) => setup.sensor.pitch_m(),
         // Footage is shown as wide as the setup's sensor would be.
-        Feed::Files(f) => setup.sensor.width_m / f.calibration().cameras[0].intrinsics.width as f64,
+        Feed::Files(_) | Feed::Live(_) => {
+            setup.sensor.width_m / feed.info().cameras[0].intrinsics.width as f64
+        }
     };
     let plan = Plan {
         source: source_name(args, &feed),
         real_time: !args.fast,
+        live: motors,
         headless: args.headless,
         seconds: settings.number_or_auto("run.seconds"),
         out: PathBuf::from(settings.word("run.out")),
@@ -58,7 +92,7 @@ pub(crate) fn from_args(args: &RunArgs, settings: &Settings) -> anyhow::Result<B
         .to_owned(),
         calibration,
         seed: twin.then(|| settings.number("run.seed") as u64),
-        repeatable: !twin
+        repeatable: args.source == SourceKind::Files
             && ![&args.left, &args.right]
                 .into_iter()
                 .flatten()
@@ -70,6 +104,7 @@ pub(crate) fn from_args(args: &RunArgs, settings: &Settings) -> anyhow::Result<B
             },
             viewer: Viewer { ..setup.viewer },
         },
+        record,
     };
     Ok(Built { feed, servo, plan })
 }
@@ -79,6 +114,8 @@ fn twin(
     settings: &Settings,
     setup: &Setup,
     target: Option<PixelBox>,
+    live: Option<&Live>,
+    record: Option<&mut RecordPlan>,
 ) -> anyhow::Result<(Feed, Servo, String)> {
     for (flag, given) in [
         ("--left", args.left.is_some()),
@@ -94,24 +131,39 @@ fn twin(
                 .into());
         }
     }
+    args.cameras_live.refuse("the twin")?;
     let config = crate::twin::config(settings)?;
     let camera = config.cameras[0].camera;
-    let (geometry, head, fps) = (config.geometry, config.head, config.fps);
-    let (machine, calibration) = believed(args, &config)?;
-    check_target(target, &camera)?;
-    let source = TwinSource::new(config).map_err(|e| fault::usage(e.to_string()))?;
-    let control = ControlSettings {
-        focal_px: camera.intrinsics.fx,
-        backlash_rad: head.backlash_rad(),
-        mode: mode_settings(settings, setup)?,
-        // Half a frame, as its documentation asks for.
-        lead_s: (0.5 / fps).min(0.5),
-        ..ControlSettings::default()
+    let (geometry, head) = (config.geometry, config.head);
+    let (machine, calibration) = match live {
+        None => believed(args, &config)?,
+        // The cameras stand where the controller says: there is nothing to calibrate.
+        Some(_) => (None, "true".to_owned()),
     };
+    check_target(target, &camera)?;
+    let mut control = control_settings(settings, setup, &config)?;
+    let mut source = TwinSource::new(config).map_err(|e| fault::usage(e.to_string()))?;
+    if let Some(live) = live {
+        control.backlash_rad = [0.0; 4];
+        let motors = live.drive.clone();
+        let standing = Arc::new(move |at_s| motors.angles_at(at_s));
+        source = source.on_motors(standing, live.clock.clone());
+    }
     let backlash = control.backlash_rad;
-    let controller = Controller::new(control, geometry, head.limits())
+    let drive: BoxedDrive = match live {
+        None => source.head().drive(),
+        Some(live) => Box::new(live.drive.clone()),
+    };
+    let controller = Controller::new(control, geometry, drive.limits())
         .map_err(|e| fault::usage(e.to_string()))?;
-    let mut motors = Motors::new(geometry, source.head().axes(), backlash, controller);
+    let drive = match record {
+        Some(record) => {
+            record.machine = machine.as_ref().and_then(|_| machine_text(args));
+            record.tape.beside(drive)
+        }
+        None => drive,
+    };
+    let mut motors = Motors::new(geometry, drive, backlash, controller);
     let feed = Feed::Twin(Box::new(source));
     let mut info = feed.info().clone();
     if let Some(machine) = machine {
@@ -131,8 +183,67 @@ fn twin(
     Ok((feed, servo, calibration))
 }
 
+/// The controller that the settings name, ready to move; `None` for the simulated axes.
+fn live_motors(args: &RunArgs, settings: &Settings) -> anyhow::Result<Option<Live>> {
+    let spec = MotorsSpec::from_text(settings.word("motors.controller"))?;
+    if spec == MotorsSpec::Simulated {
+        return Ok(None);
+    }
+    for (given, flag) in [
+        (args.fast, "--fast"),
+        (args.calibration.is_some(), "--calibration"),
+    ] {
+        if given {
+            return Err(
+                fault::usage(format!("{flag} has no meaning with {}", spec.text()))
+                    .hint("real motors take their time; the twin on them stands where they say")
+                    .into(),
+            );
+        }
+    }
+    let drive = spec.open(&crate::twin::config(settings)?.head)?;
+    for (axis, state) in AxisName::ALL.into_iter().zip(drive.states()) {
+        if matches!(state, AxisState::Unhomed | AxisState::Fault) {
+            return Err(fault::failed(format!(
+                "{}: axis {} cannot follow: {}",
+                spec.text(),
+                axis_word(axis),
+                state_word(state)
+            ))
+            .hint(format!("vergence home --motors {}", spec.text()))
+            .into());
+        }
+    }
+    let clock = RealClock::since(drive.begin());
+    Ok(Some(Live { drive, clock }))
+}
+
 /// What `vergence calibrate --twin` made of the twin as it is by default; the loop believes this, not the truth.
 const CALIBRATED_TWIN: &str = include_str!("../../data/twin_machine.toml");
+
+/// The settings of the controller of such a rig.
+pub(crate) fn control_settings(
+    settings: &Settings,
+    setup: &Setup,
+    config: &TwinConfig,
+) -> anyhow::Result<ControlSettings> {
+    Ok(ControlSettings {
+        focal_px: config.cameras[0].camera.intrinsics.fx,
+        backlash_rad: config.head.backlash_rad(),
+        mode: mode_settings(settings, setup)?,
+        // Half a frame, as its documentation asks for.
+        lead_s: (0.5 / config.fps).min(0.5),
+        ..ControlSettings::default()
+    })
+}
+
+/// The file that [`believed`] took the machine from: what a recording keeps of it.
+fn machine_text(args: &RunArgs) -> Option<String> {
+    match &args.calibration {
+        Some(path) => std::fs::read_to_string(path).ok(),
+        None => Some(CALIBRATED_TWIN.to_owned()),
+    }
+}
 
 /// What the loop believes of the twin: the machine's calibration (`None` for the settings themselves, which are the truth), and what a summary
 /// calls it. A twin with other cameras, dimensions or axes than the calibrated one is believed to be as it is set.
@@ -173,7 +284,8 @@ fn believed(
 
 /// What a person calls the source: files by their names, without the folders they lie in, since a summary is passed on.
 fn source_name(args: &RunArgs, feed: &Feed) -> String {
-    let (Some(left), Some(right)) = (&args.left, &args.right) else {
+    let (Some(left), Some(right), SourceKind::Files) = (&args.left, &args.right, args.source)
+    else {
         return feed.info().name.clone();
     };
     let names = [1, 2].map(|parts| [left, right].map(|path| last_parts(path, parts)));
@@ -245,12 +357,68 @@ fn auto_threshold(id: &str, setup: &Setup) -> Result<AutoThreshold, Fault> {
     })
 }
 
+/// Cameras as they see now, which stand still.
+fn live(
+    args: &RunArgs,
+    settings: &Settings,
+    target: Option<PixelBox>,
+) -> anyhow::Result<(Feed, Servo)> {
+    only_converged(args, "cameras that stand still are shown")?;
+    let choice = args.cameras.as_deref().map(names_from_text).transpose()?;
+    let options = ReadOptions {
+        choice,
+        unit: args.unit,
+        ..ReadOptions::default()
+    };
+    let feed = Feed::Live(Box::new(super::live::source(args, &options)?));
+    fixed(feed, settings, target)
+}
+
+/// Vergence of cameras that stand still is electronic, and there is one mode of it.
+fn only_converged(args: &RunArgs, what: &str) -> Result<(), Fault> {
+    match args.mode.as_deref() {
+        Some(mode) if mode != "converged" => {
+            Err(fault::usage(format!("{what} in mode converged only")).hint("leave --mode out"))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The loop for cameras that stand still.
+fn fixed(
+    feed: Feed,
+    settings: &Settings,
+    target: Option<PixelBox>,
+) -> anyhow::Result<(Feed, Servo)> {
+    let info = feed.info();
+    check_target(target, &info.cameras[0])?;
+    let poses = info
+        .fixed_base_from_cam
+        .ok_or_else(|| fault::failed("the calibration does not say where the cameras stand"))?;
+    let servo = Servo::new(
+        info,
+        Rigging::Fixed(poses),
+        &ServoSettings {
+            target,
+            watch: watch(settings),
+            follow: FollowSettings {
+                posture: Posture::Any,
+                ..FollowSettings::default()
+            },
+            ..ServoSettings::default()
+        },
+    )
+    .map_err(|e| fault::usage(e.to_string()))?;
+    Ok((feed, servo))
+}
+
 fn files(
     args: &RunArgs,
     settings: &Settings,
     target: Option<PixelBox>,
 ) -> anyhow::Result<(Feed, Servo)> {
     for (flag, given) in [
+        ("--motors", args.motors.is_some()),
         ("--path", args.path.is_some()),
         ("--seed", args.seed.is_some()),
         ("--light", args.light.is_some()),
@@ -261,13 +429,8 @@ fn files(
             );
         }
     }
-    if args.mode.as_deref().is_some_and(|mode| mode != "converged") {
-        return Err(
-            fault::usage("recorded pictures are shown in mode converged only")
-                .hint("leave --mode out")
-                .into(),
-        );
-    }
+    args.cameras_live.refuse("recorded pictures")?;
+    only_converged(args, "recorded pictures are shown")?;
     let left = needed(args.left.as_ref(), "--left")?;
     let right = needed(args.right.as_ref(), "--right")?;
     let calibration = needed(args.calibration.as_ref(), "--calibration")?;
@@ -294,28 +457,11 @@ fn files(
         ..FilesConfig::default()
     };
     let source = FilesSource::open(&config, &rig).map_err(|e| fault::usage(e.to_string()))?;
-    let poses = source.calibration().base_from_cam;
-    check_target(target, &source.calibration().cameras[0])?;
-    let feed = Feed::Files(Box::new(source));
-    let servo = Servo::new(
-        feed.info(),
-        Rigging::Fixed(poses),
-        &ServoSettings {
-            target,
-            watch: watch(settings),
-            follow: FollowSettings {
-                posture: Posture::Any,
-                ..FollowSettings::default()
-            },
-            ..ServoSettings::default()
-        },
-    )
-    .map_err(|e| fault::usage(e.to_string()))?;
-    Ok((feed, servo))
+    fixed(Feed::Files(Box::new(source)), settings, target)
 }
 
 /// How the rig's health is watched.
-fn watch(settings: &Settings) -> WatchSettings {
+pub(crate) fn watch(settings: &Settings) -> WatchSettings {
     WatchSettings {
         every_s: settings.number("run.health"),
         correct: settings.switch("run.correct"),
@@ -323,7 +469,7 @@ fn watch(settings: &Settings) -> WatchSettings {
 }
 
 /// Frames a second as typed.
-fn rate_from_text(text: &str, flag: &str) -> Result<f64, Fault> {
+pub(super) fn rate_from_text(text: &str, flag: &str) -> Result<f64, Fault> {
     let wrong = |why: &str| {
         fault::usage(format!("{flag} '{text}': {why}")).hint("write a rate, for example 25 or 25Hz")
     };
@@ -352,7 +498,7 @@ fn names_from_text(text: &str) -> Result<[&str; 2], Fault> {
 }
 
 /// `x,y,w,h` in pixels.
-fn box_from_text(text: &str) -> Result<PixelBox, Fault> {
+pub(crate) fn box_from_text(text: &str) -> Result<PixelBox, Fault> {
     let wrong = || {
         fault::usage(format!("--target '{text}' is no box"))
             .hint("write x,y,w,h in pixels of the left picture, for example 300,200,80,220")

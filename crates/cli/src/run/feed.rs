@@ -1,25 +1,29 @@
 //! Where a run's pairs come from, with the truth where there is one.
 
 use vergence_capture::{
-    CaptureError, Clock as _, FilesSource, SimulatedClock, Source, SourceInfo, StereoFrame,
-    TwinSource,
+    CaptureError, Clock as _, FilesSource, LiveSource, LiveStatistics, Next, SimulatedClock,
+    Source, SourceEvent, SourceInfo, StereoFrame, TwinSource,
 };
 use vergence_control::{AxisName, ControlSettings};
 use vergence_geometry::Eye;
-use vergence_servo::{Servo, Step};
+use vergence_servo::{Rest, Servo, Step, bring_to_rest};
 
 use crate::fault;
 
 use super::record::Truth;
-use super::rest::{Rest, bring_to_rest};
+use super::session::Live;
 
 /// What to do about a picture that cannot be read.
 const SKIP_HINT: &str = "--on-fault skip leaves such pairs out and counts them";
+
+/// How long a pair from cameras is waited for before the rig is looked after, s.
+const LOOK_S: f64 = 0.02;
 
 /// The source of a run.
 pub(crate) enum Feed {
     Twin(Box<TwinSource>),
     Files(Box<FilesSource>),
+    Live(Box<LiveSource>),
 }
 
 impl Feed {
@@ -27,6 +31,7 @@ impl Feed {
         match self {
             Feed::Twin(twin) => twin.info(),
             Feed::Files(files) => files.info(),
+            Feed::Live(live) => live.info(),
         }
     }
 
@@ -43,13 +48,59 @@ impl Feed {
                     _ => failed,
                 }
             })?,
+            Feed::Live(live) => live
+                .next_pair(reuse)
+                .map_err(|error| fault::failed(error.to_string()))?,
         })
+    }
+
+    /// The next pair, or how the cameras do when none comes in time; what is recorded or simulated never stalls.
+    pub(crate) fn next_or_stall(&mut self, reuse: Option<StereoFrame>) -> anyhow::Result<Next> {
+        match self {
+            Feed::Live(live) => Ok(live.next_within(LOOK_S, reuse)?),
+            other => Ok(other.next_pair(reuse)?.map_or(Next::Ended, Next::Pair)),
+        }
+    }
+
+    /// The time now on the clock of cameras that see now, s; `None` for what is recorded or simulated, where time is that of the pairs.
+    pub(crate) fn now_s(&self) -> Option<f64> {
+        match self {
+            Feed::Live(live) => Some(live.clock().now_s()),
+            _ => None,
+        }
+    }
+
+    /// When each camera gave its newest picture, where that is known, s.
+    pub(crate) fn newest_s(&self) -> [Option<f64>; 2] {
+        match self {
+            Feed::Live(live) => live
+                .liveness()
+                .map_or([None; 2], |all| all.map(|l| l.newest_s)),
+            _ => [None; 2],
+        }
+    }
+
+    /// What has happened to the cameras since the last call.
+    pub(crate) fn take_events(&mut self) -> Vec<SourceEvent> {
+        match self {
+            Feed::Live(live) => live.take_events(),
+            _ => Vec::new(),
+        }
+    }
+
+    /// What was measured of the cameras.
+    pub(crate) fn statistics(&self) -> Option<LiveStatistics> {
+        match self {
+            Feed::Live(live) => Some(live.statistics()),
+            _ => None,
+        }
     }
 
     pub(crate) fn dropped_pairs(&self) -> u64 {
         match self {
             Feed::Twin(twin) => twin.dropped_pairs(),
             Feed::Files(files) => files.dropped_pairs(),
+            Feed::Live(live) => live.dropped_pairs(),
         }
     }
 
@@ -58,20 +109,31 @@ impl Feed {
         match self {
             Feed::Twin(_) => Vec::new(),
             Feed::Files(files) => files.remarks().to_vec(),
+            Feed::Live(live) => live.remarks().to_vec(),
         }
     }
 
-    /// How often the motors' trajectories left their limits.
-    pub(crate) fn limit_violations(&self) -> u64 {
+    /// How often the motors' trajectories left their limits; of real motors how many of their readings did.
+    pub(crate) fn limit_violations(&self, live: Option<&Live>) -> u64 {
+        if let Some(live) = live {
+            let figures = live.drive.figures();
+            return figures.beyond_range + figures.too_fast;
+        }
         match self {
             Feed::Twin(twin) => twin.head().violations().iter().map(|v| v.total()).sum(),
-            Feed::Files(_) => 0,
+            Feed::Files(_) | Feed::Live(_) => 0,
         }
     }
 
     /// Stop all axes and park; `None` for cameras that do not move. The simulated axes take the time that they need on the run's
     /// clock; nobody waits for it.
-    pub(crate) fn bring_to_rest(&self, servo: &mut Servo) -> Option<Rest> {
+    pub(crate) fn bring_to_rest(&self, servo: &mut Servo, live: Option<&Live>) -> Option<Rest> {
+        let settings = ControlSettings::default();
+        if let Some(live) = live {
+            let mut clock = live.clock.clone();
+            let drive = servo.drive_mut()?;
+            return Some(bring_to_rest(drive, &mut clock, &settings));
+        }
         let Feed::Twin(twin) = self else {
             return None;
         };
@@ -84,8 +146,8 @@ impl Feed {
         let _ = servo.hold(now_s);
         let mut clock = SimulatedClock::new();
         clock.sleep_until(now_s);
-        let settings = ControlSettings::default();
-        Some(bring_to_rest(&mut head.axes(), &mut clock, &settings))
+        let drive = servo.drive_mut()?;
+        Some(bring_to_rest(drive, &mut clock, &settings))
     }
 
     /// The truth of one step; `None` for real footage, or when the twin is empty.

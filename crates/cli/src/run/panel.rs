@@ -40,18 +40,18 @@ impl Panel {
         }
     }
 
-    /// Show a row; `wall_s` is the wall time since the start, `latency_s` from capture to setpoint, `health` the rig's drift in pixels with its
+    /// Show a row; `wall_s` is the wall time since the start, then the time from capture to setpoint and, of live cameras, that between the two pictures, s; `health` the rig's drift in pixels with its
     /// verdict.
     pub(crate) fn show(
         &mut self,
         row: &Row,
         wall_s: f64,
-        latency_s: f64,
+        (latency_s, skew_s): (f64, Option<f64>),
         health: Option<(f64, &str)>,
     ) {
         self.rate.tick(wall_s);
         if self.live && row.index.is_multiple_of(EVERY) {
-            let line = line_from_row(row, self.rate.fps, latency_s, health);
+            let line = line_from_row(row, self.rate.fps, (latency_s, skew_s), health);
             // Without wrapping a narrower terminal cuts the line instead of scrolling. A line that cannot be shown is no reason to
             // stop.
             let _ = write!(stderr(), "\r{NO_WRAP}{line}{CLEAR_REST}{WRAP}");
@@ -91,8 +91,13 @@ impl Rate {
 }
 
 /// Time, state, distance, vergence angle, parallax of the target on the screen (+ behind) in pixels and arc minutes, mode,
-/// frames a second, latency, how many pixels the rig has drifted with the verdict.
-fn line_from_row(row: &Row, fps: f64, latency_s: f64, health: Option<(f64, &str)>) -> String {
+/// frames a second, latency (of live cameras ± the time between the two pictures), how many pixels the rig has drifted with the verdict.
+fn line_from_row(
+    row: &Row,
+    fps: f64,
+    (latency_s, skew_s): (f64, Option<f64>),
+    health: Option<(f64, &str)>,
+) -> String {
     let number = |value: Option<f64>, decimals: usize, width: usize| {
         value.map_or_else(
             || format!("{:>width$}", "–"),
@@ -105,7 +110,7 @@ fn line_from_row(row: &Row, fps: f64, latency_s: f64, health: Option<(f64, &str)
         )
     };
     let line = format!(
-        "{:4.0} s {:<9}{} m {:5.2}° {}px {}′ {:<9} {fps:.0}fps {:.0}ms{}",
+        "{:4.0} s {:<9}{} m {:5.2}° {}px {}′ {:<9} {fps:.0}fps {:.0}{}ms{}",
         row.capture_s,
         word(&row.state),
         number(row.distance_m(), 2, 6),
@@ -115,6 +120,7 @@ fn line_from_row(row: &Row, fps: f64, latency_s: f64, health: Option<(f64, &str)
         number(row.parallax_arcmin, 1, 6),
         row.mode.name(),
         latency_s * 1e3,
+        skew_s.map_or_else(String::new, |s| format!("±{:.1}", s * 1e3)),
         health.map_or_else(String::new, |(px, verdict)| format!(
             " {} {px:.1}",
             word_of_verdict(verdict)
@@ -159,7 +165,12 @@ mod tests {
     /// The longest words and numbers that a run has fit a terminal of 80 columns, whole; a row about which nothing is known too.
     #[test]
     fn a_line_fits_a_terminal_of_80_columns() {
-        let line = line_from_row(&full_row(), 30.2, 0.0264, Some((12.34, "recalibrate")));
+        let line = line_from_row(
+            &full_row(),
+            30.2,
+            (0.0264, None),
+            Some((12.34, "recalibrate")),
+        );
         assert!(line.chars().count() <= COLUMNS, "{line}");
         for part in [
             "1235 s",
@@ -176,19 +187,25 @@ mod tests {
             assert!(line.contains(part), "{part} in {line}");
         }
         assert!(line.ends_with("CAL! 12.3"), "{line}");
-        let empty = line_from_row(&Row::default(), 0.0, 0.0, None);
+        let empty = line_from_row(&Row::default(), 0.0, (0.0, None), None);
         assert!(empty.chars().count() <= COLUMNS && empty.contains('–'));
         let still = Row {
             shown_px: Some(0.01),
             ..full_row()
         };
-        let line = line_from_row(&still, 30.0, 0.02, None);
-        assert!(line.contains("  0.0px"), "{line}");
+        let line = line_from_row(&still, 30.0, (0.02, Some(0.0031)), None);
+        assert!(
+            line.contains("  0.0px") && line.ends_with("20±3.1ms"),
+            "{line}"
+        );
         // Nothing makes it longer: what does not fit is cut.
         let day = Row {
             capture_s: 1e9,
             ..full_row()
         };
-        assert_eq!(line_from_row(&day, 1e6, 1e3, None).chars().count(), COLUMNS);
+        assert_eq!(
+            line_from_row(&day, 1e6, (1e3, None), None).chars().count(),
+            COLUMNS
+        );
     }
 }

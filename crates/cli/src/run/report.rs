@@ -2,10 +2,12 @@
 
 use std::fmt::Write as _;
 
-use super::rest::Rest;
 use super::session::Outcome;
 use super::statistics::Spread;
 use super::summary::Summary;
+use vergence_capture::LiveStatistics;
+use vergence_capture::live::{CameraStatistics, ClockDomain};
+use vergence_servo::Rest;
 
 pub(crate) fn text_of(outcome: &Outcome) -> String {
     let s = &outcome.summary;
@@ -86,6 +88,9 @@ pub(crate) fn text_of(outcome: &Outcome) -> String {
             &format!("{:.1} ms a pair ({})", total.p50, stages.join(", ")),
         );
     }
+    for (label, text) in s.cameras.iter().flat_map(cameras) {
+        line(label, &text);
+    }
     if let Some(rest) = &s.rest {
         line("axes", &axes(s.limit_violations, rest));
     }
@@ -93,6 +98,73 @@ pub(crate) fn text_of(outcome: &Outcome) -> String {
         line("failed", failed);
     }
     out
+}
+
+/// Each live camera and what the two are to each other.
+fn cameras(seen: &LiveStatistics) -> [(&'static str, String); 3] {
+    let camera = |c: &CameraStatistics| {
+        let counts = &c.counts;
+        let mut text = format!(
+            "{}: {:.2} fps, jitter p95 {:.1} ms, latency {:.1} ms (p95 {:.1}) by the {} clock",
+            c.name,
+            1.0 / c.period.median_s.max(1e-9),
+            c.jitter.p95_s * 1e3,
+            c.latency.median_s * 1e3,
+            c.latency.p95_s * 1e3,
+            match counts.clock {
+                ClockDomain::Machine => "machine's",
+                ClockDomain::Own => "stream's",
+                ClockDomain::Arrival => "arrival's",
+            }
+        );
+        for (count, what) in [
+            (counts.lost, "lost"),
+            (counts.torn, "torn"),
+            (counts.frozen, "frozen"),
+            (c.late, "late"),
+            (counts.overrun, "not fetched"),
+            (counts.gone, "times gone"),
+            (counts.clock_jumps, "jumps of its clock"),
+        ] {
+            if count > 0 {
+                let _ = write!(text, ", {count} {what}");
+            }
+        }
+        text
+    };
+    let mut pair = format!(
+        "{:.1} ms apart (p95 {:.1}, max {:.1})",
+        seen.skew.median_s * 1e3,
+        seen.skew.p95_s * 1e3,
+        seen.skew.max_s * 1e3
+    );
+    if let Some(offset_s) = seen.offset_s {
+        let _ = write!(
+            pair,
+            " beside a steady {:+.1} ms{}",
+            offset_s * 1e3,
+            if seen.offset_of_exposure {
+                " between the exposures"
+            } else {
+                " between the clocks, taken out"
+            }
+        );
+    }
+    for (count, what) in [
+        (seen.pairing.lost_pairs, "without a partner"),
+        (seen.pairing.doubled, "doubled"),
+        (seen.too_far_apart, "too far apart"),
+        (seen.skipped_pairs, "passed over"),
+    ] {
+        if count > 0 {
+            let _ = write!(pair, ", {count} {what}");
+        }
+    }
+    [
+        ("left camera", camera(&seen.left)),
+        ("right camera", camera(&seen.right)),
+        ("pairs", pair),
+    ]
 }
 
 fn run(s: &Summary) -> String {

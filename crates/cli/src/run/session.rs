@@ -4,14 +4,16 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use vergence_capture::{Clock as _, RealClock, StereoFrame};
-use vergence_servo::{HealthNote, Servo, Stage, Step, Stopwatch};
+use vergence_capture::{Clock as _, Next, RealClock, StereoFrame};
+use vergence_control::{LiveDrive, RigState, SupervisorSettings};
+use vergence_servo::{Conductor, HealthNote, Servo, Stage, Step, Stopwatch};
 
 use super::feed::Feed;
 use super::folder::RunFolder;
 use super::panel::Panel;
 use super::plot::Thinned;
 use super::record::Row;
+use super::recording::{About, RecordPlan, Recording};
 use super::sample::{Sample, Small};
 use super::shown::Electronic;
 use super::still::{Scene, Still};
@@ -23,12 +25,22 @@ use super::watched::Watched;
 /// some to spare. A fixed figure, so that a run does not depend on how fast the machine is.
 const PROCESSING_S: f64 = 0.010;
 
+/// So many of the last decisions are told after a fault.
+const DECISIONS_TOLD: usize = 12;
+/// Motors that are not simulated, with the clock that they and the run share.
+pub(crate) struct Live {
+    pub(crate) drive: LiveDrive,
+    pub(crate) clock: RealClock,
+}
+
 /// What a run needs to know beside its source and its loop.
 pub(crate) struct Plan {
     /// What a person calls the source.
     pub(crate) source: String,
     /// Wait for the wall clock, frame by frame.
     pub(crate) real_time: bool,
+    /// Set when the motors are not simulated: then setpoints are given when they are due on this clock.
+    pub(crate) live: Option<Live>,
     /// No live line.
     pub(crate) headless: bool,
     /// Stop after this much time of the run's clock.
@@ -44,6 +56,8 @@ pub(crate) struct Plan {
     pub(crate) repeatable: bool,
     /// How pixels become parallax on the screen.
     pub(crate) screening: Screening,
+    /// What is recorded; `None` for nothing.
+    pub(crate) record: Option<RecordPlan>,
 }
 
 /// What a run leaves.
@@ -60,7 +74,7 @@ pub(crate) struct Outcome {
 /// its pairs cannot be had again, and nothing when they can.
 pub(crate) fn run(
     mut feed: Feed,
-    mut servo: Servo,
+    servo: Servo,
     plan: &Plan,
     stop: &Arc<AtomicBool>,
 ) -> anyhow::Result<Outcome> {
@@ -68,9 +82,11 @@ pub(crate) fn run(
     let first = feed.next_pair(None)?;
     let mut folder = RunFolder::create(&plan.out)?;
     let mut log = Log::new(&feed, plan);
+    log.begin_recording(&folder, &feed, &servo, plan)?;
+    let mut conductor = Conductor::new(servo, SupervisorSettings::default())?;
     let ended = follow(
         &mut feed,
-        &mut servo,
+        &mut conductor,
         first,
         plan,
         stop,
@@ -78,6 +94,8 @@ pub(crate) fn run(
         &mut log,
     );
     log.panel.clear();
+    let ended = ended.and_then(|()| log.take_rig(&mut conductor));
+    let servo = conductor.servo_mut();
     if let Some(note) = servo.last_look() {
         let now_s = log.rows.last_s();
         log.take_health(note, now_s);
@@ -86,18 +104,20 @@ pub(crate) fn run(
         crate::output::say(&sentence);
     }
     log.facts.health = std::mem::take(&mut log.watched).summary();
-    log.facts.rest = feed.bring_to_rest(&mut servo);
-    log.facts.limit_violations = feed.limit_violations();
+    log.facts.rest = feed.bring_to_rest(servo, plan.live.as_ref());
+    log.facts.limit_violations = feed.limit_violations(plan.live.as_ref());
     log.facts.dropped_pairs = feed.dropped_pairs();
     log.facts.remarks = feed.remarks();
+    log.facts.cameras = feed.statistics();
     log.facts.interrupted = stop.load(Ordering::Relaxed);
+    log.facts.recording = log.recording.take().map(Recording::finish);
     match ended {
-        Ok(()) => finish(folder, log, &servo, None),
+        Ok(()) => finish(folder, log, servo, None),
         Err(error) if plan.repeatable || log.rows.is_empty() => Err(error),
         Err(error) => {
             folder.keep();
             log.facts.failed = Some(format!("{error:#}"));
-            finish(folder, log, &servo, Some(error))
+            finish(folder, log, servo, Some(error))
         }
     }
 }
@@ -105,33 +125,81 @@ pub(crate) fn run(
 /// Pair after pair, until the end or an error.
 fn follow(
     feed: &mut Feed,
-    servo: &mut Servo,
+    conductor: &mut Conductor,
     first: Option<StereoFrame>,
     plan: &Plan,
     stop: &Arc<AtomicBool>,
     folder: &mut RunFolder,
     log: &mut Log,
 ) -> anyhow::Result<()> {
-    let mut clock = RealClock::new();
+    let mut clock = match &plan.live {
+        Some(live) => live.clock.clone(),
+        None => RealClock::new(),
+    };
     let mut first_s = None;
     let mut next = first;
     while let Some(pair) = next.take() {
         let start_s = *first_s.get_or_insert(pair.capture_s());
         let elapsed_s = pair.capture_s() - start_s;
-        if plan.seconds.is_some_and(|limit| elapsed_s >= limit) || stop.load(Ordering::Relaxed) {
+        if stop.load(Ordering::Relaxed) {
+            conductor.stop(pair.arrival_s() + PROCESSING_S, "Ctrl-C or SIGTERM");
             break;
         }
-        if plan.real_time {
+        if plan.seconds.is_some_and(|limit| elapsed_s >= limit) {
+            break;
+        }
+        let mut now_s = feed.now_s().unwrap_or(pair.arrival_s() + PROCESSING_S);
+        if plan.live.is_some() {
+            log.keep_pace(&mut clock, pair.arrival_s(), feed.info().fps);
+            now_s = now_s.max(clock.now_s() + PROCESSING_S);
+        } else if plan.real_time && feed.now_s().is_none() {
             log.keep_pace(&mut clock, elapsed_s, feed.info().fps);
         }
-        let step = servo.step(&pair, pair.arrival_s() + PROCESSING_S)?;
-        let row = log.take(feed, servo, &pair, step, plan)?;
-        folder.row(&row)?;
+        if let Some(step) = conductor.take(&pair, now_s)? {
+            let row = log.take(feed, conductor.servo(), &pair, step, plan)?;
+            folder.row(&row)?;
+        }
+        log.tell_changes(conductor);
         log.wall.total_s = clock.now_s();
-        next = feed.next_pair(Some(pair))?;
+        let until_s = plan.seconds.map(|limit| start_s + limit);
+        next = wait_for_pair(feed, conductor, pair, (stop, until_s), log)?;
     }
     log.wall.total_s = clock.now_s();
     Ok(())
+}
+
+/// The next pair; while cameras give none, the rig is looked after. `None` at the end, when a person stops the run, or when its time (s on the
+/// run's clock) is over.
+fn wait_for_pair(
+    feed: &mut Feed,
+    conductor: &mut Conductor,
+    used: StereoFrame,
+    (stop, until_s): (&AtomicBool, Option<f64>),
+    log: &mut Log,
+) -> anyhow::Result<Option<StereoFrame>> {
+    let mut used = Some(used);
+    loop {
+        let next = feed.next_or_stall(used.take())?;
+        log.take_camera_events(feed);
+        match next {
+            Next::Pair(pair) => return Ok(Some(pair)),
+            Next::Ended => return Ok(None),
+            Next::Stalled => {}
+        }
+        let Some(now_s) = feed.now_s() else {
+            continue;
+        };
+        if stop.load(Ordering::Relaxed) {
+            conductor.stop(now_s, "Ctrl-C or SIGTERM");
+            return Ok(None);
+        }
+        if until_s.is_some_and(|until_s| now_s >= until_s) {
+            return Ok(None);
+        }
+        conductor.note_pictures(feed.newest_s());
+        conductor.look(now_s);
+        log.tell_changes(conductor);
+    }
 }
 
 fn finish(
@@ -166,6 +234,7 @@ struct Log {
     panel: Panel,
     watch: Stopwatch,
     watched: Watched,
+    recording: Option<Recording>,
 }
 
 impl Log {
@@ -196,7 +265,29 @@ impl Log {
             panel: Panel::new(plan.headless),
             watch: Stopwatch::start(),
             watched: Watched::default(),
+            recording: None,
         }
+    }
+
+    fn begin_recording(
+        &mut self,
+        folder: &RunFolder,
+        feed: &Feed,
+        servo: &Servo,
+        plan: &Plan,
+    ) -> anyhow::Result<()> {
+        let about = About {
+            source: &plan.source,
+            mode: &plan.mode,
+            seed: plan.seed,
+            calibration: &plan.calibration,
+            real_time: plan.real_time,
+        };
+        if let Some(record) = &plan.record {
+            let recording = Recording::begin(folder.path(), record, &about, feed, servo)?;
+            self.recording = Some(recording);
+        }
+        Ok(())
     }
 
     /// Wait until the wall clock has reached the run's; a frame that comes more than one period late is counted.
@@ -212,10 +303,10 @@ impl Log {
         feed: &Feed,
         servo: &Servo,
         pair: &StereoFrame,
-        mut step: Step,
+        step: Step,
         plan: &Plan,
     ) -> anyhow::Result<Row> {
-        if let Some(note) = step.health.take() {
+        if let Some(note) = step.health.clone() {
             self.take_health(note, step.capture_s);
         }
         let turned = match &mut self.electronic {
@@ -235,10 +326,16 @@ impl Log {
         let latency_s = self.take_times(&scene.step);
         self.take_events(&scene.step);
         let health = self.watched.brief();
+        let skew_s = feed
+            .now_s()
+            .map(|_| (pair.left.capture_s - pair.right.capture_s).abs());
         self.panel
-            .show(&row, self.watch.elapsed_s(), latency_s, health);
+            .show(&row, self.watch.elapsed_s(), (latency_s, skew_s), health);
         self.rows.take(&row);
         self.drawn.take(&row);
+        if let Some(recording) = &mut self.recording {
+            recording.take(pair, &scene.step, &row);
+        }
         self.take_pictures(pair, scene)?;
         Ok(row)
     }
@@ -263,6 +360,57 @@ impl Log {
             self.panel.clear();
             crate::output::say(&sentence);
         }
+    }
+
+    /// Note what happened to the cameras, and tell it at once.
+    fn take_camera_events(&mut self, feed: &mut Feed) {
+        for event in feed.take_events() {
+            self.panel.clear();
+            crate::output::say(&format!("{:.2} s: {}", event.time_s, event.text));
+            self.facts.events_left_out += push(&mut self.facts.camera_events, event);
+        }
+    }
+
+    /// Note the rig's changes of state; what stops it is told at once.
+    fn tell_changes(&mut self, conductor: &mut Conductor) {
+        for decision in conductor.take_changes() {
+            if let Some(recording) = &mut self.recording {
+                recording.decided(&decision);
+            }
+            let Some((from, to)) = decision.change else {
+                continue;
+            };
+            if matches!(to, RigState::Holding | RigState::Fault) {
+                self.panel.clear();
+                let (to, text) = (to.name(), &decision.text);
+                crate::output::say(&format!("{to} at {:.2} s: {text}", decision.time_s));
+            }
+            let change = Change {
+                time_s: decision.time_s,
+                from: from.name(),
+                to: to.name(),
+                reason: decision.text,
+            };
+            self.facts.events_left_out += push(&mut self.facts.rig_changes, change);
+        }
+        self.facts.refused_pairs = conductor.refused_pairs();
+    }
+
+    /// What became of the rig; a run that ends in a fault has failed, and its last decisions are told.
+    fn take_rig(&mut self, conductor: &mut Conductor) -> anyhow::Result<()> {
+        self.tell_changes(conductor);
+        if conductor.state() != RigState::Fault {
+            return Ok(());
+        }
+        let decisions: Vec<_> = conductor.decisions().collect();
+        let newest = decisions.len().saturating_sub(DECISIONS_TOLD);
+        for decision in &decisions[newest..] {
+            crate::output::say(&format!("  {:8.3} s  {}", decision.time_s, decision.text));
+        }
+        let reason = (decisions.iter().rev())
+            .find(|d| d.change.is_some_and(|(_, to)| to == RigState::Fault))
+            .map_or("", |d| d.text.as_str());
+        Err(crate::fault::failed(format!("the rig ended in a fault: {reason}")).into())
     }
 
     fn take_events(&mut self, step: &Step) {
@@ -304,7 +452,7 @@ impl Log {
 }
 
 /// Add an event to a list that holds at most [`MOST_EVENTS`]; how many were left out, 0 or 1.
-fn push(events: &mut Vec<Change>, event: Change) -> u64 {
+fn push<T>(events: &mut Vec<T>, event: T) -> u64 {
     if events.len() == MOST_EVENTS {
         return 1;
     }
@@ -346,7 +494,7 @@ mod tests {
         let source = TwinSource::new(config).unwrap();
         let head = source.head();
         head.with_axis(broken, |a| a.fault(0.0)).unwrap();
-        let motors = Motors::new(geometry, head.axes(), control.backlash_rad, controller);
+        let motors = Motors::new(geometry, head.drive(), control.backlash_rad, controller);
         let feed = Feed::Twin(Box::new(source));
         let rigging = Rigging::Motors(Box::new(motors));
         let servo = Servo::new(feed.info(), rigging, &ServoSettings::default()).unwrap();
@@ -357,6 +505,7 @@ mod tests {
         Plan {
             source: "test".to_owned(),
             real_time: false,
+            live: None,
             headless: true,
             seconds: None,
             out,
@@ -364,6 +513,7 @@ mod tests {
             seed: Some(1),
             calibration: "true".to_owned(),
             repeatable,
+            record: None,
             screening: Screening {
                 pitch_m: 1.5e-5,
                 screen: Screen::default(),

@@ -3,12 +3,14 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
+use vergence_capture::{LiveStatistics, SourceEvent};
 use vergence_control::RunningMode;
 
 use super::record::Row;
-use super::rest::Rest;
+use super::recording::RecordingSummary;
 use super::statistics::{Quantiles, Spread, Tally};
 use super::watched::HealthSummary;
+use vergence_servo::Rest;
 
 /// How far a sighting may be from the target's true place, across the line of sight, and still be called tracked, metres:
 /// half of a person's width and a bit.
@@ -40,6 +42,14 @@ pub(crate) struct Summary {
     pub(crate) failed: Option<String>,
     pub(crate) mode_changes: Vec<Change>,
     pub(crate) transitions: Vec<Change>,
+    /// What the supervisor decided.
+    pub(crate) rig_changes: Vec<Change>,
+    /// Pairs that were not used because they could not be trusted.
+    pub(crate) refused_pairs: u64,
+    /// What happened to live cameras.
+    pub(crate) camera_events: Vec<SourceEvent>,
+    /// What was measured of live cameras.
+    pub(crate) cameras: Option<LiveStatistics>,
     pub(crate) events_left_out: u64,
     pub(crate) target: Target,
     pub(crate) vergence_error_px: Option<Spread>,
@@ -54,6 +64,7 @@ pub(crate) struct Summary {
     pub(crate) stage_ms: BTreeMap<&'static str, Quantiles>,
     pub(crate) limit_violations: u64,
     pub(crate) rest: Option<Rest>,
+    pub(crate) recording: Option<RecordingSummary>,
 }
 
 /// One change: of the mode, or of what the controller does.
@@ -132,10 +143,19 @@ pub(crate) struct Facts {
     pub(crate) failed: Option<String>,
     pub(crate) mode_changes: Vec<Change>,
     pub(crate) transitions: Vec<Change>,
+    /// What the supervisor decided.
+    pub(crate) rig_changes: Vec<Change>,
+    /// Pairs that were not used because they could not be trusted.
+    pub(crate) refused_pairs: u64,
+    /// What happened to live cameras.
+    pub(crate) camera_events: Vec<SourceEvent>,
+    /// What was measured of live cameras.
+    pub(crate) cameras: Option<LiveStatistics>,
     pub(crate) events_left_out: u64,
     pub(crate) limit_violations: u64,
     pub(crate) health: Option<HealthSummary>,
     pub(crate) rest: Option<Rest>,
+    pub(crate) recording: Option<RecordingSummary>,
 }
 
 /// What the rows amount to, as they come: bounded however long the run is.
@@ -299,6 +319,10 @@ impl Rows {
             failed: facts.failed,
             mode_changes: facts.mode_changes,
             transitions: facts.transitions,
+            rig_changes: facts.rig_changes,
+            refused_pairs: facts.refused_pairs,
+            camera_events: facts.camera_events,
+            cameras: facts.cameras,
             events_left_out: facts.events_left_out,
             vergence_error_px: self.vergence.spread(),
             pointing_error_px: self.pointing.spread(),
@@ -320,6 +344,7 @@ impl Rows {
             limit_violations: facts.limit_violations,
             health: facts.health,
             rest: facts.rest,
+            recording: facts.recording,
         }
     }
 

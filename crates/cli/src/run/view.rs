@@ -128,7 +128,9 @@ fn refusal(error: &ControlError) -> &'static str {
         ControlError::Reading { .. } => "reading",
         ControlError::Time { .. } => "time",
         ControlError::Axis(_) => "axis",
-        ControlError::AxisSetting { .. } | ControlError::Setting { .. } => "setting",
+        ControlError::AxisSetting { .. }
+        | ControlError::Setting { .. }
+        | ControlError::Controller { .. } => "setting",
     }
 }
 

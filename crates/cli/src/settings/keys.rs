@@ -72,11 +72,13 @@ pub(crate) const SECTIONS: &[(&str, &str)] = &[
     ("camera", "Both cameras: lens, sensor, timing, and how the simulated ones see."),
     ("screen", "The screen on which the pair is shown, and its viewer."),
     ("plan", "What `vergence plan` answers for."),
+    ("motors", "The controller behind the four axes."),
     ("motors.pan", "The pan axis; angles at the output of its gear."),
     ("motors.tilt", "The tilt axis; angles at the output of its gear."),
     ("motors.vergence", "The vergence axis of each camera, + towards the other one; angles at the output of its gear."),
     ("motors.home", "What the simulated motors' zero is off by; the controller does not know it."),
     ("run", "What `vergence run` does."),
+    ("record", "What `vergence run` records in recording.mcap."),
     ("run.knock", "Something that hits the simulated right camera in mid-run; the loop is not told."),
 ];
 
@@ -153,6 +155,11 @@ macro_rules! motor {
         ]
     };
 }
+
+#[rustfmt::skip]
+const MOTORS: &[Key] = &[
+    other("motors", "controller", Text, "simulated", Any, "What turns the axes: simulated, grbl:PORT (a serial port) or linuxcnc:HOST:PORT (its remote shell)."),
+];
 
 // Motors that one can buy: NEMA 17 with a two-stage belt for pan and tilt, NEMA 11 or 14 with a strain wave gear for vergence.
 #[rustfmt::skip]
@@ -238,6 +245,14 @@ const RUN: &[Key] = &[
 ];
 
 #[rustfmt::skip]
+const RECORD: &[Key] = &[
+    other("record", "on", Switch, "true", Any, "Whether a run is recorded."),
+    other("record", "pictures", Choice(&["jpeg", "png", "none"]), "jpeg", Any, "How pictures are recorded: jpeg is small, png loses nothing (a replay is the run, bit for bit) and is some twelve times as large."),
+    other("record", "quality", Count, "85", Within(1.0, 100.0), "Quality of the jpeg pictures."),
+    other("record", "every", Count, "1", Within(1.0, 1000.0), "One pair in so many keeps its pictures; numbers are always kept."),
+];
+
+#[rustfmt::skip]
 const KNOCK: &[Key] = &[
     quantity("run.knock", "time", Time, "5 s", FromZero, "When it happens."),
     quantity("run.knock", "pitch", Angle, "0 deg", Within(-0.35, 0.35), "How much higher the camera looks from then on."),
@@ -248,7 +263,7 @@ const KNOCK: &[Key] = &[
 /// All keys in the order of printing.
 pub(crate) fn all() -> impl Iterator<Item = &'static Key> {
     [
-        RIG, CAMERA, SCREEN, PLAN, PAN, TILT, VERGENCE, HOME, RUN, KNOCK,
+        RIG, CAMERA, SCREEN, PLAN, MOTORS, PAN, TILT, VERGENCE, HOME, RUN, RECORD, KNOCK,
     ]
     .into_iter()
     .flatten()

@@ -66,6 +66,22 @@ pub(super) fn toml(settings: &Settings) -> String {
     text
 }
 
+/// The settings alone, without comments and without where they come from: the same settings, the same text. Where a run's folder was made is left out.
+pub(super) fn bare_toml(settings: &Settings) -> String {
+    let mut text = String::new();
+    for (section, _) in keys::SECTIONS {
+        text += &format!("[{section}]\n");
+        for entry in settings.entries().iter().filter(|e| {
+            e.key.section == *section
+                && e.key.path() != "run.out"
+                && !follows_from_width(settings, e.key)
+        }) {
+            text += &format!("{} = {}\n", entry.key.name, toml_value(entry));
+        }
+    }
+    text
+}
+
 /// Whether this is the magnification and the width of the screen decides it.
 fn follows_from_width(settings: &Settings, key: &Key) -> bool {
     key.path() == "screen.magnification" && settings.number_or_auto("screen.width").is_some()

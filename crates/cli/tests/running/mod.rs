@@ -26,9 +26,9 @@ pub(crate) fn command(args: &[&str]) -> Command {
     command
 }
 
-/// `vergence run` as fast as it can.
+/// `vergence run` as fast as it can; what a recording is has its own tests.
 pub(crate) fn vergence(args: &[&str], out: &Path) -> Output {
-    command(&["run", "--fast", "--headless", "--out"])
+    command(&["run", "--fast", "--headless", "--no-record", "--out"])
         .arg(out)
         .args(args)
         .output()

@@ -1,0 +1,244 @@
+//! `vergence replay`: a recording fed back through the loop, and compared with what was recorded.
+
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use vergence_calib::MachineCalibration;
+use vergence_capture::Source as _;
+use vergence_control::Controller;
+use vergence_record::rows::{Estimate, Step as StepRow};
+use vergence_record::table::Row as _;
+use vergence_record::{
+    Beside, Description, FileStorage, Pictures, RecordSettings, Recorder, ReplaySource, steps,
+};
+use vergence_servo::{Motors, Rigging, Servo, ServoSettings, Step};
+use vergence_track::{FollowSettings, Posture};
+
+use crate::fault;
+use crate::info::refused;
+use crate::output::{self, Format};
+use crate::run::build;
+use crate::run::recording::{MACHINE, SETTINGS};
+use crate::settings::Settings;
+
+/// What the command does, for its manual page.
+pub(crate) const LONG: &str = "\
+Feed a recording back through the loop: its pictures with their times, the readings of the axes as they were, the settings and the calibration that were in \
+force. What the loop makes of it now is compared with what it made then.
+
+With record.pictures = \"png\" the pictures lost nothing, and the same program gives the same estimates bit for bit. JPEG pictures are not those that the loop saw: then \
+the estimates differ a little, and every replay gives the same ones. Pairs whose pictures are not in the recording are left out.";
+
+const AFTER: &str = "\
+Examples:
+  vergence replay recording.mcap
+  vergence replay recording.mcap --strict          exit code 1 when any estimate differs
+  vergence replay recording.mcap --out again.mcap  the numbers of the replay as a recording";
+
+/// Flags of `vergence replay`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = AFTER)]
+pub(crate) struct ReplayArgs {
+    /// The recording.
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Record the numbers of the replay here; the file must not be there.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Fail when an estimate differs from the recorded one in any bit.
+    #[arg(long)]
+    strict: bool,
+    /// How to print.
+    #[arg(long, value_enum, default_value_t)]
+    format: Format,
+}
+
+/// How a replay compares with what was recorded.
+#[derive(Debug, Default, Serialize)]
+struct Comparison {
+    pairs: u64,
+    without_pictures: u64,
+    lossless: bool,
+    /// Estimates that are there in both, and how many of them are equal in every bit.
+    estimates: u64,
+    equal: u64,
+    /// Pairs with an estimate in one of the two only.
+    only_one: u64,
+    largest_difference_m: f64,
+    rms_difference_m: Option<f64>,
+    /// The file was read to its end.
+    whole: bool,
+}
+
+/// Feed a recording back.
+pub(crate) fn run(args: &ReplayArgs) -> anyhow::Result<()> {
+    let mut source = ReplaySource::open(&args.file).map_err(|e| refused(&args.file, &e))?;
+    let mut servo = servo_of(&source, &args.file)?;
+    let mut out = args
+        .out
+        .as_deref()
+        .map(|path| recorder(path, &source))
+        .transpose()?;
+    let mut comparison = Comparison {
+        lossless: source.is_lossless(),
+        ..Comparison::default()
+    };
+    let mut squares = 0.0;
+    let told = |e: vergence_capture::CaptureError| fault::failed(e.to_string());
+    while let Some(pair) = source.next_pair(None).map_err(told)? {
+        let recorded = source.recorded();
+        if let Some(row) = &recorded.step {
+            let step = servo.step(&pair, row.command_s)?;
+            squares += comparison.take(row, recorded.estimate.as_ref(), &step);
+            if let Some(recorder) = &mut out {
+                recorder.step(&pair, &step, Beside::default());
+                recorder.pump(step.command_s);
+            }
+        }
+    }
+    comparison.without_pictures = source.without_pictures();
+    comparison.whole = source.contents().finished;
+    if comparison.estimates > 0 {
+        comparison.rms_difference_m = Some((squares / comparison.estimates as f64).sqrt());
+    }
+    for problem in &source.contents().problems {
+        output::say(&problem.to_string());
+    }
+    if let Some(recorder) = out {
+        let (_, result) = recorder.finish(0.0);
+        result.map_err(|e| fault::failed(e.to_string()))?;
+    }
+    match args.format {
+        Format::Text => output::print(&comparison.text())?,
+        Format::Json => output::print_json(&comparison)?,
+    }
+    let same = comparison.equal == comparison.estimates && comparison.only_one == 0;
+    if args.strict && !same {
+        return Err(fault::failed("the replay differs from the recording").into());
+    }
+    Ok(())
+}
+
+impl Comparison {
+    /// Compare one step; the square of the distance between both estimates, m².
+    fn take(&mut self, _row: &StepRow, recorded: Option<&Estimate>, step: &Step) -> f64 {
+        self.pairs += 1;
+        let now = step
+            .estimate
+            .as_ref()
+            .map(|e| steps::estimate(step.index, e));
+        let (Some(then), Some(now)) = (recorded, &now) else {
+            self.only_one += u64::from(recorded.is_some() != now.is_some());
+            return 0.0;
+        };
+        self.estimates += 1;
+        // Bytes, not numbers: a NaN equals itself here, and -0 is not 0.
+        self.equal += u64::from(then.encode() == now.encode());
+        let square = (then.x_m - now.x_m).powi(2)
+            + (then.y_m - now.y_m).powi(2)
+            + (then.z_m - now.z_m).powi(2);
+        self.largest_difference_m = self.largest_difference_m.max(square.sqrt());
+        square
+    }
+
+    fn text(&self) -> String {
+        let kind = match self.lossless {
+            true => "lossless",
+            false => "JPEG, which are not the pictures that the loop saw",
+        };
+        let mut text = format!(
+            "replayed          {} pairs; {} without pictures left out\npictures          {kind}\n",
+            self.pairs, self.without_pictures
+        );
+        text += &format!(
+            "estimates         {} of {} equal to the recorded ones in every bit; {} in one of the two only\n",
+            self.equal, self.estimates, self.only_one
+        );
+        if let Some(rms_m) = self.rms_difference_m {
+            text += &format!(
+                "difference        {:.3} mm RMS, {:.3} mm at most\n",
+                1e3 * rms_m,
+                1e3 * self.largest_difference_m
+            );
+        }
+        text
+    }
+}
+
+/// The loop as it was in the recorded run.
+fn servo_of(source: &ReplaySource, path: &Path) -> anyhow::Result<Servo> {
+    let contents = source.contents();
+    let lacks = |what: &str| {
+        fault::usage(format!(
+            "{}: the recording cannot be replayed: it lacks {what}",
+            path.display()
+        ))
+    };
+    let text = contents
+        .text(SETTINGS)
+        .ok_or_else(|| lacks("the settings of its run"))?;
+    let settings = Settings::from_recording(path, text)?;
+    let target = contents.facts.get("target");
+    let target = target.map(|text| build::box_from_text(text)).transpose()?;
+    let info = source.info();
+    let mut of_servo = ServoSettings {
+        target,
+        watch: build::watch(&settings),
+        ..ServoSettings::default()
+    };
+    let rigging = match info.fixed_base_from_cam {
+        Some(poses) => {
+            of_servo.follow = FollowSettings {
+                posture: Posture::Any,
+                ..FollowSettings::default()
+            };
+            Rigging::Fixed(poses)
+        }
+        None => {
+            let config = crate::twin::config(&settings)?;
+            let control =
+                build::control_settings(&settings, &crate::rig::setup(&settings), &config)?;
+            let backlash = control.backlash_rad;
+            let limits = config.head.limits();
+            let controller = Controller::new(control, config.geometry, limits)
+                .map_err(|e| fault::usage(e.to_string()))?;
+            let drive = source.drive(limits);
+            let mut motors = Motors::new(config.geometry, drive, backlash, controller);
+            if let Some(text) = contents.text(MACHINE) {
+                let machine = MachineCalibration::parse(text)
+                    .map_err(|e| fault::usage(format!("{}: {MACHINE}: {e}", path.display())))?;
+                motors = motors.with_machine(machine, config.head.axes().map(|a| a.step_rad()));
+            }
+            Rigging::Motors(Box::new(motors))
+        }
+    };
+    Servo::new(info, rigging, &of_servo).map_err(|e| fault::usage(e.to_string()).into())
+}
+
+/// A recording of the replay's numbers.
+fn recorder(path: &Path, source: &ReplaySource) -> anyhow::Result<Recorder> {
+    let info = source.info();
+    let storage = FileStorage::create(path)
+        .map_err(|e| fault::usage(format!("cannot write {}: {e}", path.display())))?;
+    let contents = source.contents();
+    let facts = contents.facts.clone().into_iter().collect();
+    let attachments = (contents.attachments.iter())
+        .map(|(name, data)| (name.clone(), "application/toml", data.clone()))
+        .collect();
+    let description = Description {
+        facts,
+        attachments,
+        cameras: info.cameras,
+        fixed_base_from_cam: info.fixed_base_from_cam,
+        fps: info.fps,
+        epoch_ns: 0,
+        timing: false,
+        truth: false,
+    };
+    let settings = RecordSettings {
+        pictures: Pictures::None,
+        ..RecordSettings::default()
+    };
+    Recorder::here(description, settings, Box::new(storage))
+        .map_err(|e| fault::failed(e.to_string()).into())
+}

@@ -1,0 +1,169 @@
+//! Cameras as they see now: flags and settings of `vergence run`.
+
+use std::path::PathBuf;
+
+use vergence_calib::{ReadOptions, RigCalibration};
+use vergence_capture::live::{LiveKind, PixelFormat, Transport, V4l2Controls};
+use vergence_capture::{LiveConfig, LiveInput, LiveRig, LiveSource, RealClock};
+
+use crate::fault::{self, Fault};
+use crate::settings::quantity::Dimension;
+
+use super::{RunArgs, SourceKind};
+
+/// How a video device sends its pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Pixels {
+    /// YUV 4:2:2.
+    Yuyv,
+    /// A JPEG for every frame.
+    Mjpeg,
+    /// YUV 4:2:0.
+    Nv12,
+    /// Grey.
+    Grey,
+    /// Red, green, blue.
+    Rgb24,
+}
+
+/// Flags of live cameras.
+#[derive(Debug, Default, clap::Args)]
+#[command(next_help_heading = "Cameras")]
+pub(crate) struct CameraFlags {
+    /// One camera that gives both pictures side by side, in place of --left and --right.
+    #[arg(long, value_name = "CAMERA")]
+    device: Option<PathBuf>,
+    /// How the devices send pictures [default: what both have, uncompressed first].
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    pixels: Option<Pixels>,
+    /// Exposure time of both, units of 100 µs [default: the left camera's].
+    #[arg(long, value_name = "N")]
+    exposure: Option<i64>,
+    /// Gain of both, in the driver's units.
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    gain: Option<i64>,
+    /// Colour temperature of both, K.
+    #[arg(long, value_name = "K")]
+    white_balance: Option<i64>,
+    /// Focus of both, in the driver's units.
+    #[arg(long, value_name = "N")]
+    focus: Option<i64>,
+    /// Leave exposure, gain, white balance and focus to each camera.
+    #[arg(long)]
+    leave_controls: bool,
+    /// Largest time between the exposures of a pair [default: a fifth of a frame around the steady offset].
+    #[arg(long, value_name = "TIME")]
+    max_apart: Option<String>,
+    /// Fetch RTSP packet by packet: lost ones are not sent again.
+    #[arg(long)]
+    udp: bool,
+}
+
+impl CameraFlags {
+    /// The flags that were given.
+    fn given(&self) -> Vec<&'static str> {
+        let all = [
+            ("--device", self.device.is_some()),
+            ("--pixels", self.pixels.is_some()),
+            ("--exposure", self.exposure.is_some()),
+            ("--gain", self.gain.is_some()),
+            ("--white-balance", self.white_balance.is_some()),
+            ("--focus", self.focus.is_some()),
+            ("--leave-controls", self.leave_controls),
+            ("--max-apart", self.max_apart.is_some()),
+            ("--udp", self.udp),
+        ];
+        all.into_iter().filter(|f| f.1).map(|f| f.0).collect()
+    }
+
+    /// Refuse flags that have no meaning for the source.
+    pub(crate) fn refuse(&self, source: &str) -> Result<(), Fault> {
+        match self.given().first() {
+            Some(flag) => Err(fault::usage(format!("{flag} has no meaning for {source}"))
+                .hint("add --source v4l2, rtsp or stream to run on cameras")),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Open the cameras that the flags name.
+pub(crate) fn source(args: &RunArgs, options: &ReadOptions<'_>) -> anyhow::Result<LiveSource> {
+    let config = config(args)?;
+    let calibration = args.calibration.as_ref().ok_or_else(|| {
+        fault::usage("cameras need --calibration").hint("vergence calibrate makes one")
+    })?;
+    let rig = RigCalibration::read_with(&[calibration.as_path()], options)
+        .map_err(|e| fault::usage(e.to_string()))?;
+    let opened = LiveSource::open(&config, LiveRig::Fixed(&rig), &RealClock::new());
+    Ok(opened.map_err(|e| fault::failed(e.to_string()))?)
+}
+
+fn config(args: &RunArgs) -> Result<LiveConfig, Fault> {
+    let flags = &args.cameras_live;
+    let kind = match args.source {
+        SourceKind::Rtsp => LiveKind::Rtsp,
+        SourceKind::Stream => LiveKind::Stream,
+        _ => LiveKind::V4l2,
+    };
+    for (flag, given) in [
+        ("--path", args.path.is_some()),
+        ("--seed", args.seed.is_some()),
+        ("--light", args.light.is_some()),
+        ("--fast", args.fast),
+        ("--on-fault", args.on_fault.is_some()),
+    ] {
+        if given {
+            return Err(fault::usage(format!("{flag} has no meaning for cameras")));
+        }
+    }
+    let input = match (&flags.device, &args.left, &args.right) {
+        (Some(device), None, None) => LiveInput::SideBySide(device.clone()),
+        (None, Some(left), Some(right)) => LiveInput::Two {
+            left: left.clone(),
+            right: right.clone(),
+        },
+        (Some(_), _, _) => {
+            return Err(
+                fault::usage("--device is both cameras, --left and --right are one each")
+                    .hint("give either --device or --left and --right"),
+            );
+        }
+        _ => {
+            return Err(fault::usage("cameras need --left and --right, or --device")
+                .hint("for example --left /dev/video0 --right /dev/video2"));
+        }
+    };
+    let mut config = LiveConfig::new(kind, input);
+    if let Some(text) = args.fps.as_deref() {
+        config.fps = Some(super::build::rate_from_text(text, "--fps")?);
+    }
+    if let Some(text) = flags.max_apart.as_deref() {
+        let wrong = |why: &str| {
+            fault::usage(format!("--max-apart '{text}': {why}"))
+                .hint("write a time, for example 5ms")
+        };
+        let limit_s = Dimension::Time.parse(text).map_err(|e| wrong(&e))?;
+        if !(limit_s > 0.0 && limit_s <= 1.0) {
+            return Err(wrong("must be greater than 0 and at most 1 s"));
+        }
+        config.max_apart_s = Some(limit_s);
+    }
+    if flags.udp {
+        config.transport = Transport::Udp;
+    }
+    config.v4l2.format = flags.pixels.map(|pixels| match pixels {
+        Pixels::Yuyv => PixelFormat::Yuyv,
+        Pixels::Mjpeg => PixelFormat::Mjpeg,
+        Pixels::Nv12 => PixelFormat::Nv12,
+        Pixels::Grey => PixelFormat::Grey,
+        Pixels::Rgb24 => PixelFormat::Rgb24,
+    });
+    config.v4l2.controls = V4l2Controls {
+        exposure: flags.exposure,
+        gain: flags.gain,
+        white_balance: flags.white_balance,
+        focus: flags.focus,
+        leave: flags.leave_controls,
+    };
+    Ok(config)
+}

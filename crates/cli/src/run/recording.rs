@@ -1,0 +1,279 @@
+//! The recording of a run: `recording.mcap` in the run's folder, written beside the loop.
+
+use std::path::Path;
+
+use serde::Serialize;
+use vergence_capture::StereoFrame;
+use vergence_control::RigState;
+use vergence_control::supervisor::Decision;
+use vergence_record::rows::{Happening, Parallax, Truth};
+use vergence_record::{
+    Beside, Description, FileStorage, Limits, Pictures, RecordSettings, RecordStatus, Recorder,
+    Tape, WhenFull,
+};
+use vergence_servo::{Servo, Step};
+
+use crate::fault;
+use crate::settings::Settings;
+
+use super::feed::Feed;
+use super::record::Row;
+
+/// Name of the recording within the run's folder.
+pub(crate) const NAME: &str = "recording.mcap";
+
+/// Name of the attachment that holds the effective settings.
+pub(crate) const SETTINGS: &str = "settings.toml";
+
+/// Name of the attachment that holds the calibration of a machine.
+pub(crate) const MACHINE: &str = "machine.toml";
+
+/// What the recording of a run is made from, known before it begins.
+pub(crate) struct RecordPlan {
+    pub(crate) settings: RecordSettings,
+    /// Readings of the axes that the loop is given.
+    pub(crate) tape: Tape,
+    /// The effective settings as a file.
+    pub(crate) settings_text: String,
+    /// The calibration of the machine that the loop believes, as a file.
+    pub(crate) machine: Option<String>,
+    /// The box around the target that was asked for.
+    pub(crate) target: Option<String>,
+    /// `twin`, `files`.
+    pub(crate) kind: &'static str,
+}
+
+impl RecordPlan {
+    /// From the settings; `None` when nothing is to be recorded.
+    pub(crate) fn from_settings(settings: &Settings, kind: &'static str) -> Option<Self> {
+        if !settings.switch("record.on") {
+            return None;
+        }
+        let pictures = match settings.word("record.pictures") {
+            "png" => Pictures::Png,
+            "none" => Pictures::None,
+            _ => Pictures::Jpeg(settings.count("record.quality") as u8),
+        };
+        Some(Self {
+            settings: RecordSettings {
+                pictures,
+                every: settings.count("record.every") as u64,
+                limits: Limits::default(),
+            },
+            tape: Tape::new(),
+            settings_text: settings.to_bare_toml(),
+            machine: None,
+            target: None,
+            kind,
+        })
+    }
+}
+
+/// What a summary says of the recording.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct RecordingSummary {
+    /// Its name within the run's folder.
+    pub(crate) file: &'static str,
+    pub(crate) bytes: u64,
+    /// Pairs whose pictures are in it, and whose pictures were left out since the disk or the encoder was too slow.
+    pub(crate) pictures: u64,
+    pub(crate) pictures_thinned: u64,
+    pub(crate) numbers: u64,
+    pub(crate) numbers_lost: u64,
+    /// Why it ends before the run does, when it does.
+    pub(crate) failed: Option<String>,
+}
+
+/// The recording of a run while it is made.
+pub(crate) struct Recording {
+    recorder: Recorder,
+    tape: Tape,
+    told: RecordStatus,
+    last_s: f64,
+}
+
+/// What the run says of itself in its recording, beside its settings.
+pub(crate) struct About<'a> {
+    pub(crate) source: &'a str,
+    pub(crate) mode: &'a str,
+    pub(crate) seed: Option<u64>,
+    pub(crate) calibration: &'a str,
+    pub(crate) real_time: bool,
+}
+
+impl Recording {
+    /// Begin the recording in this folder.
+    pub(crate) fn begin(
+        folder: &Path,
+        plan: &RecordPlan,
+        about: &About<'_>,
+        feed: &Feed,
+        servo: &Servo,
+    ) -> anyhow::Result<Self> {
+        let path = folder.join(NAME);
+        let cannot = |why: String| {
+            fault::failed(format!("cannot record to {}: {why}", path.display()))
+                .hint("--no-record runs without a recording")
+        };
+        let storage = FileStorage::create(&path).map_err(|e| cannot(e.to_string()))?;
+        let when_full = match about.real_time {
+            true => WhenFull::Thin,
+            false => WhenFull::Wait,
+        };
+        let description = description(plan, about, feed, servo);
+        let recorder = Recorder::beside(description, plan.settings, Box::new(storage), when_full)
+            .map_err(|e| cannot(e.to_string()))?;
+        Ok(Self {
+            recorder,
+            tape: plan.tape.clone(),
+            told: RecordStatus::default(),
+            last_s: 0.0,
+        })
+    }
+
+    /// Take a pair, the step that was made of it, and the row of the report.
+    pub(crate) fn take(&mut self, pair: &StereoFrame, step: &Step, row: &Row) {
+        self.last_s = step.command_s;
+        let beside = Beside {
+            readings: self.tape.take(),
+            parallax: Some(parallax(row)),
+            truth: truth(row),
+        };
+        self.recorder.step(pair, step, beside);
+        self.tell();
+    }
+
+    /// Take a decision of the supervisor.
+    pub(crate) fn decided(&mut self, decision: &Decision) {
+        let level = match decision.change {
+            Some((_, RigState::Fault)) => "error",
+            Some((_, RigState::Holding)) => "warning",
+            _ => "info",
+        };
+        self.recorder.happening(&Happening {
+            time_s: decision.time_s,
+            level: level.to_owned(),
+            source: "supervisor".to_owned(),
+            kind: decision
+                .change
+                .map_or("decision", |(_, to)| to.name())
+                .to_owned(),
+            text: decision.text.clone(),
+        });
+    }
+
+    /// Say what a person should know of a disk that does not keep up, once for each change.
+    fn tell(&mut self) {
+        let status = self.recorder.status();
+        let failed = |s: &RecordStatus| s.failure.is_some();
+        if failed(&status) && !failed(&self.told) {
+            let why = status.failure.as_deref().unwrap_or_default();
+            crate::output::say(&format!(
+                "the recording has stopped at {:.2} s, the run goes on: {why}; numbers wait, pictures are left out",
+                self.last_s
+            ));
+        } else if !failed(&status) && failed(&self.told) {
+            crate::output::say(&format!("the recording goes on at {:.2} s", self.last_s));
+        } else if status.every > 1 && self.told.every <= 1 {
+            crate::output::say(
+                "the disk or the encoder does not keep up: pictures are thinned, numbers are not",
+            );
+        }
+        if status.counts.numbers_lost > 0 && self.told.counts.numbers_lost == 0 {
+            crate::output::say("the recording loses numbers: the disk takes nothing");
+        }
+        self.told = status;
+    }
+
+    /// End the file; what is to be said of it.
+    pub(crate) fn finish(self) -> RecordingSummary {
+        let (status, result) = self.recorder.finish(self.last_s);
+        if let Err(error) = &result {
+            crate::output::say(&format!("{error}; what was written before can be read"));
+        }
+        RecordingSummary {
+            file: NAME,
+            bytes: status.bytes,
+            pictures: status.counts.pictures_kept,
+            pictures_thinned: status.counts.pictures_thinned,
+            numbers: status.counts.numbers_kept,
+            numbers_lost: status.counts.numbers_lost,
+            failed: result.err().map(|e| e.to_string()),
+        }
+    }
+}
+
+fn description(plan: &RecordPlan, about: &About<'_>, feed: &Feed, servo: &Servo) -> Description {
+    let info = feed.info();
+    let mut facts: Vec<(String, String)> = [
+        ("version", env!("CARGO_PKG_VERSION")),
+        ("source", about.source),
+        ("kind", plan.kind),
+        ("mode", about.mode),
+        ("calibration", about.calibration),
+        ("pictures", plan.settings.pictures.format()),
+    ]
+    .map(|(name, value)| (name.to_owned(), value.to_owned()))
+    .into();
+    let mut fact = |name: &str, value: String| facts.push((name.to_owned(), value));
+    if let Some(seed) = about.seed {
+        fact("seed", seed.to_string());
+    }
+    if let Some(target) = &plan.target {
+        fact("target", target.clone());
+    }
+    let text = "application/toml";
+    let mut attachments = vec![(
+        SETTINGS.to_owned(),
+        text,
+        plan.settings_text.clone().into_bytes(),
+    )];
+    if let Some(machine) = &plan.machine {
+        attachments.push((MACHINE.to_owned(), text, machine.clone().into_bytes()));
+    }
+    Description {
+        facts,
+        attachments,
+        cameras: *servo.cameras(),
+        fixed_base_from_cam: info.fixed_base_from_cam,
+        fps: info.fps,
+        epoch_ns: 0,
+        timing: about.real_time,
+        truth: plan.kind == "twin",
+    }
+}
+
+fn parallax(row: &Row) -> Parallax {
+    Parallax {
+        index: row.index,
+        shown_px: row.shown_px,
+        parallax_m: row.parallax_m,
+        parallax_arcmin: row.parallax_arcmin,
+        shift_left_px: row.shift_px[0],
+        shift_right_px: row.shift_px[1],
+        nulled: row.nulled,
+        asks_zero: row.asks_zero,
+        focus_m: row.focus_m,
+    }
+}
+
+fn truth(row: &Row) -> Option<Truth> {
+    let truth = row.truth?;
+    let [x_m, y_m, z_m] = truth.target_in_base;
+    let [pan_rad, tilt_rad, left_rad, right_rad] = truth.angles_rad;
+    Some(Truth {
+        index: row.index,
+        x_m,
+        y_m,
+        z_m,
+        occluded: truth.occluded,
+        pan_rad,
+        tilt_rad,
+        left_rad,
+        right_rad,
+        disparity_px: truth.disparity_px,
+        left_u_px: truth.left_px.map(|p| p[0]),
+        left_v_px: truth.left_px.map(|p| p[1]),
+        pointing_px: truth.pointing_px.filter(|p| p.is_finite()),
+    })
+}
