@@ -35,10 +35,12 @@ fn all(plans: &[Plan]) -> Vec<Verdict> {
     verdicts
 }
 
-/// The first three seeds, one of them with several faults at a time: nothing that must never be, and the axes were not simply held all the time.
+/// The first two seeds, one of them with several faults at a time: nothing that must never be, and the axes were not simply held all the time. The
+/// same seed again is the same run to the last step.
 #[test]
-fn a_few_seeds() {
-    for verdict in all(&[plan(1), plan(2), plan(3)]) {
+fn the_first_seeds() {
+    let verdicts = all(&[plan(1), plan(2), plan(2)]);
+    for verdict in &verdicts {
         assert_eq!(
             verdict.count, 0,
             "seed {}: {:#?}",
@@ -46,13 +48,8 @@ fn a_few_seeds() {
         );
         assert!(verdict.moving > 0.25, "{verdict:?}");
     }
-}
-
-/// The same seed twice: the same run to the last step.
-#[test]
-fn a_seed_is_a_run() {
-    let verdicts = all(&[plan(5), plan(5)]);
-    assert_eq!(verdicts[0].fingerprint, verdicts[1].fingerprint);
+    assert_eq!(verdicts[1].fingerprint, verdicts[2].fingerprint);
+    assert_ne!(verdicts[0].fingerprint, verdicts[1].fingerprint);
 }
 
 /// Orders to hold that do not arrive, a fault that clears itself, and a chunk of the recording that is lost: each is caught.
@@ -61,7 +58,7 @@ fn planted_bugs_are_caught() {
     let bugs = [
         (Bug::HoldIgnored, 2, "motion was sent"),
         (Bug::ClearsItself, 5, "no person had asked"),
-        (Bug::ChunkLost, 1, "must be"),
+        (Bug::ChunkLost, 1, "written"),
     ];
     let verdicts = all(&bugs.map(|(bug, seed, _)| Plan {
         bug: Some(bug),
