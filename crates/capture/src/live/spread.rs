@@ -15,7 +15,7 @@ pub(crate) struct Spread {
     largest: f64,
 }
 
-/// What a summary says of a [`Spread`]; seconds, median and p95 over the newest 1024 values, the largest over all.
+/// What a summary says of a spread; seconds, median and p95 over the newest 1024 values, the largest over all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct SpreadSummary {
     /// How many values there were.
