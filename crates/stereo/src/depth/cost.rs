@@ -234,7 +234,7 @@ const fn places<const N: usize>() -> [u8; N] {
     places
 }
 
-/// The cost of differing bits, of a difference of gradients and one of grey values: their sum with [`WEIGHTS`], `(6 b + 4 s + 6 g) / 16`,
+/// The cost of differing bits, of a difference of gradients and one of grey values: their sum, weighed: `(6 b + 4 s + 6 g) / 16`,
 /// in bytes: halved once, `b + g + (b + g) / 2 + s` is at most 201, and what halving drops is too little to be missed in the end.
 #[inline(always)]
 fn cost(bits: u8, slope: u8, gray: u8) -> u8 {
