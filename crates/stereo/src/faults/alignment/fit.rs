@@ -384,7 +384,7 @@ fn scale_of(observations: &[Observation], residuals: &[f64]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::model::{COMMON_LENS_FIFTH, CUBIC_XYY, LENS_FIFTH, right_row};
+    use super::super::model::{COMMON_LENS_FIFTH, CUBIC_XY2, LENS_FIFTH, right_row};
     use super::*;
 
     /// What is measured far better than the prior's width is believed, what is measured far worse is not, and between them the
@@ -447,7 +447,7 @@ mod tests {
         );
         (terms[LENS], terms[LENS_FIFTH]) = (0.06, -0.05);
         (terms[COMMON_LENS], terms[COMMON_LENS_FIFTH]) = (-0.2, -0.05);
-        terms[CUBIC_XYY] = 0.015;
+        terms[CUBIC_XY2] = 0.015;
         let bent = observed(&terms, 900);
         let fit = fitted(&bent, &Terms::zeros()).unwrap();
         for (k, within) in [(OFFSET, 2e-4), (ROLL, 3e-4), (ZOOM, 1e-3)] {

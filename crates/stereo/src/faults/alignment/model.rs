@@ -32,9 +32,9 @@ pub(crate) const BASE_YAW: usize = 8;
 pub(crate) const COMMON_LENS: usize = 9;
 pub(crate) const LENS_FIFTH: usize = 10;
 pub(crate) const COMMON_LENS_FIFTH: usize = 11;
-pub(crate) const CUBIC_XYY: usize = 12;
-pub(crate) const CUBIC_YYY: usize = 13;
-pub(crate) const CUBIC_XXX: usize = 14;
+pub(crate) const CUBIC_XY2: usize = 12;
+pub(crate) const CUBIC_Y3: usize = 13;
+pub(crate) const CUBIC_X3: usize = 14;
 
 /// The numbers that only lenses of a wide angle need: radial distortion of fifth order, and what lacks of third order.
 pub(crate) const WIDE: std::ops::Range<usize> = LENS_FIFTH..TERMS;
@@ -81,7 +81,7 @@ fn taken_back(terms: &Terms, s: f64, [x, y]: [f64; 2]) -> [f64; 2] {
     let (x, y) = (x / over, y / over);
     let square = x * x + y * y;
     let cubic =
-        terms[CUBIC_XYY] * x * y * y + terms[CUBIC_YYY] * y * y * y + terms[CUBIC_XXX] * x * x * x;
+        terms[CUBIC_XY2] * x * y * y + terms[CUBIC_Y3] * y * y * y + terms[CUBIC_X3] * x * x * x;
     let bent = s * (terms[BOW] * x * x + cubic);
     let third = terms[COMMON_LENS] + s * terms[LENS];
     let fifth = terms[COMMON_LENS_FIFTH] + s * terms[LENS_FIFTH];
@@ -120,9 +120,9 @@ pub(crate) fn basis(terms: &Terms, place: &Place) -> Terms {
     basis[COMMON_LENS] = 2.0 * x * y * d;
     basis[LENS_FIFTH] = y * square * square;
     basis[COMMON_LENS_FIFTH] = 4.0 * x * y * square * d;
-    basis[CUBIC_XYY] = x * y * y;
-    basis[CUBIC_YYY] = y * y * y;
-    basis[CUBIC_XXX] = x * x * x;
+    basis[CUBIC_XY2] = x * y * y;
+    basis[CUBIC_Y3] = y * y * y;
+    basis[CUBIC_X3] = x * x * x;
     basis
 }
 
