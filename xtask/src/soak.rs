@@ -23,7 +23,7 @@ pub(crate) fn run(words: &[&str]) -> ExitCode {
             status
                 .code()
                 .and_then(|c| u8::try_from(c).ok())
-                .unwrap_or(1),
+                .unwrap_or(2),
         ),
         Err(error) => {
             eprintln!("error: cargo cannot be started: {error}");

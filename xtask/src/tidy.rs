@@ -109,6 +109,13 @@ pub(crate) fn check() -> Result<()> {
     }
     for file in files_below(&root, "md")? {
         let text = std::fs::read_to_string(&file)?;
+        if text
+            .lines()
+            .any(|l| l.starts_with("<<<<<<< ") || l.starts_with(">>>>>>> "))
+        {
+            let name = relative(&root, &file);
+            offences.push(format!("{name} has marks of a merge in it"));
+        }
         offences.extend(dead_links(&relative(&root, &file), &file, &text));
     }
     if !offences.is_empty() {

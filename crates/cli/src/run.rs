@@ -18,6 +18,7 @@ mod still;
 mod summary;
 mod view;
 mod watched;
+mod words;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -50,7 +51,8 @@ white balance and focus; a camera that goes is waited for, and what happens to i
 
 The run leaves a folder RUNS/<UTC time>/ with summary.json, frames.csv (one row per frame), plot.svg and plot.png, target_left.png and target_right.png (the \
 target with its distance drawn in, and that distance checked against the calibration), for recorded pairs converged_left.png and converged_right.png, and a short \
-sample of the pair side by side and red–cyan (AVI, PNG). However a run ends, the axes stop within their limits and park.";
+sample of the pair side by side and red–cyan (AVI, PNG). However a run ends, the axes stop within their limits; they park unless a person stopped it or \
+something was in doubt.";
 
 const AFTER: &str = "\
 Examples:
@@ -119,6 +121,9 @@ pub(crate) struct RunArgs {
     /// What turns the cameras: simulated, grbl:PORT, linuxcnc:HOST:PORT [default: simulated].
     #[arg(long, value_name = "CONTROLLER")]
     motors: Option<String>,
+    /// Home the axes before anybody is followed; then they go slowly to their zero angles. Only with --motors.
+    #[arg(long, help_heading = "Motors")]
+    home: bool,
     /// Do not wait for the wall clock.
     #[arg(long)]
     fast: bool,

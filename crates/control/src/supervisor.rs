@@ -109,7 +109,7 @@ pub struct SupervisorSettings {
     pub stall_s: f64,
     /// Everything must have been sound for so long before the axes move again, s; >= 0.
     pub settle_s: f64,
-    /// Homing that takes longer has failed, s; > 0.
+    /// Homing and the way to the zero angles that take longer have failed, s; > 0. Longer than any drive's own limit, which knows its controller.
     pub homing_s: f64,
     /// Cameras and controller have so long to be there at the start, s; > 0. After that the rig holds and says what is missing.
     pub start_s: f64,
@@ -123,13 +123,26 @@ impl Default for SupervisorSettings {
             link_stale_s: 0.25,
             stall_s: 0.25,
             settle_s: 0.3,
-            homing_s: 60.0,
+            homing_s: 180.0,
             start_s: 5.0,
         }
     }
 }
 
 impl SupervisorSettings {
+    /// For pairs that come every `period_s` and are `latency_s` old when they come: two and a half periods beside the latency are no doubt, however slow
+    /// the cameras are.
+    #[must_use]
+    pub fn for_pace(period_s: f64, latency_s: f64) -> Self {
+        let usual = Self::default();
+        let pace_s = latency_s + 2.5 * period_s;
+        Self {
+            camera_stale_s: usual.camera_stale_s.max(pace_s),
+            stall_s: usual.stall_s.max(pace_s),
+            ..usual
+        }
+    }
+
     /// Whether the times can be used.
     ///
     /// # Errors
@@ -240,14 +253,16 @@ impl Supervisor {
         &mut self.memory
     }
 
-    /// A person asks for homing: done at the next look at which it is possible.
+    /// A person asks for homing: done at the next look, while the rig starts, holds, or is being cleared. Asked while the axes may move it is forgotten.
     pub fn ask_home(&mut self) {
         self.home_asked = true;
     }
 
-    /// A person has looked at the fault and clears it.
+    /// A person has looked at the fault and clears it. Means nothing when there is none: the next one is not cleared beforehand.
     pub fn ask_clear(&mut self) {
-        self.clear_asked_s = Some(self.looked_s.unwrap_or(0.0));
+        if self.state == RigState::Fault {
+            self.clear_asked_s = Some(self.looked_s.unwrap_or(0.0));
+        }
     }
 
     /// A person stops the rig; `reason` says who and how ("Ctrl-C"). Wins over everything and is final.
@@ -282,8 +297,10 @@ impl Supervisor {
                 break;
             }
         }
+        self.home_asked &= !self.state.may_move();
         match self.state {
             RigState::Homing if home => Orders::Home,
+            RigState::Homing if is_homed(senses) && doubt.is_some() => Orders::Hold,
             RigState::Homing if is_homed(senses) => Orders::Centre,
             RigState::Homing => Orders::Wait,
             state if state.may_move() => Orders::Follow,
@@ -309,6 +326,11 @@ impl Supervisor {
             next.name()
         );
         self.memory.decide(now_s, self.state, next, reason);
+        if next == RigState::Fault {
+            // What a person said before it was not about this.
+            self.clear_asked_s = None;
+            self.home_asked = false;
+        }
         self.state = next;
         self.since_s = now_s;
     }

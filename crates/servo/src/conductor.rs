@@ -11,7 +11,7 @@ mod steady;
 use vergence_capture::StereoFrame;
 use vergence_control::supervisor::Decision;
 use vergence_control::{
-    AxisState, ControlError, ControlState, DriveEvent, Link, Orders, RigState, Senses, Supervisor,
+    AxisState, ControlError, ControlState, DriveEvent, Orders, RigState, Senses, Supervisor,
     SupervisorSettings,
 };
 
@@ -39,6 +39,9 @@ pub struct Conductor {
     refused_pairs: u64,
 }
 
+/// A pair that is so many times older than what makes a camera stale is not used at all.
+const OLDEST_AS_STALE: f64 = 2.0;
+
 /// So many events of the drive wait to be taken at most; the newest are kept.
 const EVENTS_WAITING: usize = 256;
 
@@ -52,7 +55,7 @@ impl Conductor {
             supervisor: Supervisor::new(settings)?,
             servo,
             steady: Steady::default(),
-            sentry: Sentry::default(),
+            sentry: Sentry::new(OLDEST_AS_STALE * settings.camera_stale_s),
             centring: None,
             homing_due: false,
             pictures_s: [None; 2],
@@ -65,6 +68,9 @@ impl Conductor {
 
     /// Between pairs, at least every 20 ms: listen to the drive, decide, and hold where that is due. `now_s` is the run's clock.
     pub fn look(&mut self, now_s: f64) {
+        if self.servo.drive_mut().is_none() {
+            return;
+        }
         let Some(now_s) = self.time(now_s) else {
             return;
         };
@@ -168,6 +174,9 @@ impl Conductor {
 
     /// A person stops the rig: the axes first. Final.
     pub fn stop(&mut self, now_s: f64, reason: &str) {
+        if self.servo.drive_mut().is_none() {
+            return;
+        }
         self.supervisor.ask_stop(reason);
         let now_s = self.time(now_s).unwrap_or_else(|| self.steady.last_s());
         let orders = self.orders(now_s);
@@ -234,19 +243,17 @@ impl Conductor {
     /// Listen to the drive and let the supervisor decide.
     fn orders(&mut self, now_s: f64) -> Orders {
         let homing = self.supervisor.state() == RigState::Homing;
-        let (link, axes, events, centred) = match self.servo.drive_mut() {
-            Some(drive) => {
-                drive.update(now_s);
-                let centred = homing && is_centred(drive, now_s);
-                (drive.link(), drive.states(), drive.take_events(), centred)
-            }
-            None => (
-                Link::Up { heard_s: now_s },
-                [AxisState::Ready; 4],
-                Vec::new(),
-                true,
-            ),
+        let Some(drive) = self.servo.drive_mut() else {
+            return Orders::Hold;
         };
+        drive.update(now_s);
+        let (link, events) = (drive.link(), drive.take_events());
+        // While the drive has not taken the order to home, what it says of its zeros is from before.
+        let axes = match self.homing_due {
+            true => [AxisState::Unhomed; 4],
+            false => drive.states(),
+        };
+        let centred = homing && !self.homing_due && is_centred(drive, now_s);
         let doubt = self.doubt.take();
         let orders = self.supervisor.look(&Senses {
             now_s,
@@ -271,6 +278,9 @@ impl Conductor {
         };
         if orders != Orders::Centre {
             self.centring = None;
+        }
+        if matches!(orders, Orders::Follow | Orders::Hold) {
+            self.homing_due = false;
         }
         match orders {
             // Between pairs the axes go on by their last setpoints.

@@ -32,12 +32,13 @@ pub struct Rest {
     pub faults: Vec<String>,
 }
 
-/// Stop all axes, whatever each of them answers, then park the vergence axes. `clock` shows the time of the first command and
-/// goes on with the axes.
+/// Stop all axes, whatever each of them answers, then park the vergence axes as long as `may_park` says so: not after a fault, a doubt or a person's stop.
+/// `clock` shows the time of the first command and goes on with the axes.
 pub fn bring_to_rest(
     drive: &mut dyn Drive,
     clock: &mut impl Clock,
     settings: &ControlSettings,
+    may_park: &dyn Fn() -> bool,
 ) -> Rest {
     let start_s = clock.now_s();
     let mut rest = Rest {
@@ -47,8 +48,8 @@ pub fn bring_to_rest(
         faults: Vec::new(),
     };
     rest.stopped = stop(drive, clock, &mut rest.faults);
-    if rest.stopped {
-        rest.parked = park(drive, clock, settings, &mut rest.faults);
+    if rest.stopped && may_park() {
+        rest.parked = park(drive, clock, settings, may_park, &mut rest.faults);
         rest.stopped = stop(drive, clock, &mut rest.faults);
     }
     rest.seconds = clock.now_s() - start_s;
@@ -87,6 +88,7 @@ fn park(
     drive: &mut dyn Drive,
     clock: &mut impl Clock,
     settings: &ControlSettings,
+    may_park: &dyn Fn() -> bool,
     faults: &mut Vec<String>,
 ) -> bool {
     let start_s = clock.now_s();
@@ -115,7 +117,7 @@ fn park(
     if duration_s > PARK_MOST_S {
         return false;
     }
-    loop {
+    while may_park() {
         // For the next look, so that the axis is on its way there when it comes.
         let at_s = clock.now_s() + LOOK_S;
         let (part, slope) = minimum_jerk((at_s - start_s) / duration_s);
@@ -138,6 +140,7 @@ fn park(
         }
         clock.sleep_until(at_s);
     }
+    false
 }
 
 /// Keep what an axis refused, each sentence once; whether there was anything.
@@ -188,7 +191,12 @@ mod tests {
     #[test]
     fn moving_axes_stop_and_park() {
         let (head, mut drive, mut clock) = moving();
-        let rest = bring_to_rest(&mut *drive, &mut clock, &ControlSettings::default());
+        let rest = bring_to_rest(
+            &mut *drive,
+            &mut clock,
+            &ControlSettings::default(),
+            &|| true,
+        );
         assert!(
             rest.stopped && rest.parked && rest.faults.is_empty(),
             "{rest:?}"
@@ -202,6 +210,29 @@ mod tests {
         assert_eq!(violations(&head), 0);
     }
 
+    /// Whoever may not park stands where it was stopped; a word in the middle of parking ends it.
+    #[test]
+    fn parking_ends_with_the_permission() {
+        let (head, mut drive, mut clock) = moving();
+        let settings = ControlSettings::default();
+        let rest = bring_to_rest(&mut *drive, &mut clock, &settings, &|| false);
+        assert!(rest.stopped && !rest.parked, "{rest:?}");
+        let stood = head.readings(clock.now_s()).unwrap()[2].position_rad;
+        assert!(stood.abs() > 0.03, "{stood}");
+
+        let (head, mut drive, mut clock) = moving();
+        let asked = std::cell::Cell::new(0);
+        let twenty = || {
+            asked.set(asked.get() + 1);
+            asked.get() < 20
+        };
+        let rest = bring_to_rest(&mut *drive, &mut clock, &settings, &twenty);
+        assert!(rest.stopped && !rest.parked, "{rest:?}");
+        let left = head.readings(clock.now_s()).unwrap()[2].position_rad;
+        assert!(left.abs() > 1e-3 && left < stood, "{left}");
+        assert_eq!(violations(&head), 0);
+    }
+
     /// One axis in fault keeps none of the others from stopping; vergence axes park as a pair or not at all.
     #[test]
     fn a_fault_keeps_no_other_axis_moving() {
@@ -209,7 +240,12 @@ mod tests {
             let (head, mut drive, mut clock) = moving();
             let now_s = clock.now_s();
             head.with_axis(broken, |a| a.fault(now_s)).unwrap();
-            let rest = bring_to_rest(&mut *drive, &mut clock, &ControlSettings::default());
+            let rest = bring_to_rest(
+                &mut *drive,
+                &mut clock,
+                &ControlSettings::default(),
+                &|| true,
+            );
             assert!(rest.stopped, "{broken:?}: {rest:?}");
             let vergence = matches!(broken, AxisName::LeftVergence | AxisName::RightVergence);
             assert_eq!(rest.parked, !vergence, "{broken:?}: {rest:?}");

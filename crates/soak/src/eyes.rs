@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::Point2;
-use vergence_capture::CaptureError;
+use vergence_capture::{CaptureError, Standing};
 use vergence_geometry::{Camera, Distortion, Eye, HeadAngles, HeadGeometry, Intrinsics};
 use vergence_imaging::Rgb;
 use vergence_scene::{
@@ -12,7 +12,6 @@ use vergence_scene::{
 
 use crate::chance::Chance;
 use crate::faults::{Fault, Planted};
-use crate::mount::Mount;
 
 /// Picture size, pixels: small, so that many seeds fit into an hour.
 const SIZE: (usize, usize) = (256, 192);
@@ -21,14 +20,14 @@ const SIZE: (usize, usize) = (256, 192);
 const FOCAL_LENGTH_M: f64 = 0.0085;
 
 /// Frames a second.
-pub const FPS: f64 = 15.0;
+pub(crate) const FPS: f64 = 15.0;
 
 /// From the middle of the exposure until the picture is there, s.
-const LATENCY_S: f64 = 0.020;
+pub(crate) const LATENCY_S: f64 = 0.020;
 
 /// A frame on its way.
 #[derive(Clone)]
-pub struct Sent {
+pub(crate) struct Sent {
     /// Which camera.
     pub eye: Eye,
     /// Number of the frame.
@@ -42,11 +41,11 @@ pub struct Sent {
 }
 
 /// Both cameras and the room that they look into.
-pub struct Eyes {
+pub(crate) struct Eyes {
     renderer: Renderer,
     empty: Renderer,
     geometry: HeadGeometry,
-    mount: Arc<dyn Mount>,
+    standing: Standing,
     next: u64,
     before: [Option<Rgb>; 2],
     chance: Chance,
@@ -69,7 +68,7 @@ fn path(seed: u64, seconds: f64) -> PathSpec {
 }
 
 /// The cameras as the loop knows them.
-pub fn camera() -> Camera {
+pub(crate) fn camera() -> Camera {
     Camera {
         intrinsics: Intrinsics::from_sensor(FOCAL_LENGTH_M, 0.0048, SIZE.0, SIZE.1),
         distortion: Distortion::NONE,
@@ -77,15 +76,15 @@ pub fn camera() -> Camera {
 }
 
 impl Eyes {
-    /// The eyes of a seed, on cameras that `mount` turns.
+    /// The eyes of a seed, on cameras that stand where `standing` says.
     ///
     /// # Errors
     /// A world that cannot be made.
-    pub fn new(
+    pub(crate) fn new(
         seed: u64,
         seconds: f64,
         geometry: HeadGeometry,
-        mount: Arc<dyn Mount>,
+        standing: Standing,
     ) -> Result<Self, SceneError> {
         let world = |path| {
             let config = WorldConfig {
@@ -105,7 +104,7 @@ impl Eyes {
             renderer: Renderer::new(world(path(seed, seconds))?, [twin; 2], seed)?,
             empty: Renderer::new(world(PathSpec::Empty)?, [twin; 2], seed)?,
             geometry,
-            mount,
+            standing,
             next: 0,
             before: [None, None],
             chance: Chance::new(seed ^ 0xe7e5),
@@ -113,14 +112,14 @@ impl Eyes {
     }
 
     /// When the next frame's exposure is over, s of the world.
-    pub fn next_exposed_s(&self) -> f64 {
+    pub(crate) fn next_exposed_s(&self) -> f64 {
         self.next as f64 / FPS + 0.5 * TwinCamera::default().exposure_s
     }
 
     /// The target's distance from the middle of the picture, mean of both eyes, as a share of the picture's width; `None` when it is out of sight.
-    pub fn pointing(&self, world_s: f64) -> Option<f64> {
+    pub(crate) fn pointing(&self, world_s: f64) -> Option<f64> {
         let target = self.renderer.world().target_reference_in_base(world_s)?;
-        let angles = self.mount.true_angles(world_s).ok()?;
+        let angles = (self.standing)(world_s).ok()?;
         let k = camera().intrinsics;
         let mut sum = 0.0;
         for eye in Eye::BOTH {
@@ -135,7 +134,11 @@ impl Eyes {
     ///
     /// # Errors
     /// Motors whose place at the exposure is not known: an error of the simulation.
-    pub fn expose(&mut self, faults: &[Planted], clock_s: f64) -> Result<Vec<Sent>, CaptureError> {
+    pub(crate) fn expose(
+        &mut self,
+        faults: &[Planted],
+        clock_s: f64,
+    ) -> Result<Vec<Sent>, CaptureError> {
         let index = self.next;
         self.next += 1;
         let world_s = index as f64 / FPS;
@@ -146,7 +149,7 @@ impl Eyes {
             true => &mut self.empty,
             false => &mut self.renderer,
         };
-        let pictures = rendered(renderer, &*self.mount, &self.geometry, index, world_s)?;
+        let pictures = rendered(renderer, &self.standing, &self.geometry, index, world_s)?;
         let [left, right] = pictures;
         let [mut left, mut right] = [(Eye::Left, left), (Eye::Right, right)];
         if is_on(|f| matches!(f, Fault::Swapped)) {
@@ -216,17 +219,17 @@ impl Eyes {
 
 fn rendered(
     renderer: &mut Renderer,
-    mount: &dyn Mount,
+    standing: &Standing,
     geometry: &HeadGeometry,
     index: u64,
     world_s: f64,
 ) -> Result<[Rgb; 2], CaptureError> {
-    let angles: HeadAngles = mount.true_angles(world_s.max(0.0))?;
+    let angles: HeadAngles = standing(world_s.max(0.0))?;
     let shot = Shot {
         index,
         mid_exposure_s: [world_s; 2],
         cam_from_base: &|eye, at_s| {
-            let then = mount.true_angles(at_s.max(0.0)).unwrap_or(angles);
+            let then = standing(at_s.max(0.0)).unwrap_or(angles);
             geometry.cam_from_base(eye, &then)
         },
     };

@@ -9,11 +9,11 @@ use crate::chance::Chance;
 const FIRST_S: f64 = 9.0;
 
 /// After this nothing goes wrong, so that coming back is seen, s before the end.
-const LAST_S: f64 = 16.0;
+const LAST_S: f64 = 18.0;
 
 /// Something that goes wrong.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Fault {
+pub(crate) enum Fault {
     /// Frames of one camera are lost, each with probability one half.
     FramesLost(Eye),
     /// Frames of both cameras come up to 0.6 s late, and out of order.
@@ -70,7 +70,7 @@ pub enum Fault {
 
 /// A fault and its time.
 #[derive(Clone, Copy, Debug)]
-pub struct Planted {
+pub(crate) struct Planted {
     /// What.
     pub fault: Fault,
     /// From when, s of the world.
@@ -81,17 +81,17 @@ pub struct Planted {
 
 impl Planted {
     /// Whether it is at work.
-    pub fn is_on(&self, world_s: f64) -> bool {
+    pub(crate) fn is_on(&self, world_s: f64) -> bool {
         (self.from_s..self.until_s).contains(&world_s)
     }
 
     /// Whether it ends in the step that ends at `world_s`.
-    pub fn ends(&self, world_s: f64, step_s: f64) -> bool {
+    pub(crate) fn ends(&self, world_s: f64, step_s: f64) -> bool {
         self.until_s <= world_s && self.until_s > world_s - step_s
     }
 
     /// Whether it begins in the step that ends at `world_s`.
-    pub fn begins(&self, world_s: f64, step_s: f64) -> bool {
+    pub(crate) fn begins(&self, world_s: f64, step_s: f64) -> bool {
         self.from_s <= world_s && self.from_s > world_s - step_s
     }
 }
@@ -100,7 +100,7 @@ impl Planted {
 const KINDS: u64 = 26;
 
 /// The faults of a seed: one at a time for two seeds in three, several together for the third.
-pub fn planted(seed: u64, seconds: f64) -> Vec<Planted> {
+pub(crate) fn planted(seed: u64, seconds: f64) -> Vec<Planted> {
     let mut chance = Chance::new(seed);
     let together = seed % 3 == 2;
     let end_s = seconds - LAST_S;

@@ -4,6 +4,7 @@ use std::io;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use vergence_capture::Standing;
 use vergence_control::grbl::{
     GrblAxis, GrblConfig, GrblDrive, GrblFault, GrblSettings, Port, SharedGrbl, SimulatedGrbl,
     SimulatedGrblConfig, SimulatedPort, Way,
@@ -16,7 +17,6 @@ use vergence_geometry::HeadAngles;
 
 use crate::bugs::Bug;
 use crate::faults::{Fault, Planted};
-use crate::mount::Mount;
 use crate::run::STEP_S;
 
 /// The time of the world, which the controller lives in, whatever the program's clock shows.
@@ -176,22 +176,8 @@ impl Drive for Handle {
     }
 }
 
-/// Where the controller's axes truly stand.
-struct TrueMotion {
-    grbl: SharedGrbl,
-    zero_units: [f64; 4],
-}
-
-impl Mount for TrueMotion {
-    fn true_angles(&self, at_s: f64) -> Result<HeadAngles, AxisError> {
-        let units = self.grbl.lock().true_positions(at_s);
-        let angles = std::array::from_fn(|i| (units[i] - self.zero_units[i]).to_radians());
-        Ok(HeadAngles::from_array(angles))
-    }
-}
-
 /// The controller with the driver before it.
-pub struct Machine {
+pub(crate) struct Machine {
     grbl: SharedGrbl,
     drive: Arc<Mutex<GrblDrive>>,
     world: WorldTime,
@@ -201,7 +187,6 @@ pub struct Machine {
     zero_units: [f64; 4],
     bug: Option<Bug>,
     audited: [u64; 3],
-    outside: u64,
 }
 
 impl Machine {
@@ -209,7 +194,7 @@ impl Machine {
     ///
     /// # Errors
     /// Settings that do not fit: a bug of the simulation.
-    pub fn new(seed: u64, bug: Option<Bug>) -> anyhow::Result<Self> {
+    pub(crate) fn new(seed: u64, bug: Option<Bug>) -> anyhow::Result<Self> {
         let head = HeadConfig::default();
         let limits = head.limits();
         let settings = GrblSettings::for_rig(&head);
@@ -256,12 +241,11 @@ impl Machine {
             zero_units,
             bug,
             audited: [0; 3],
-            outside: 0,
         })
     }
 
     /// What the loop gets.
-    pub fn drive(&self) -> BoxedDrive {
+    pub(crate) fn drive(&self) -> BoxedDrive {
         Box::new(Handle {
             name: locked(&self.drive).name().to_owned(),
             drive: self.drive.clone(),
@@ -271,35 +255,37 @@ impl Machine {
     }
 
     /// Where the cameras truly stand.
-    pub fn mount(&self) -> Arc<dyn Mount> {
-        Arc::new(TrueMotion {
-            grbl: self.grbl.clone(),
-            zero_units: self.zero_units,
+    pub(crate) fn standing(&self) -> Standing {
+        let (grbl, zero_units) = (self.grbl.clone(), self.zero_units);
+        Arc::new(move |at_s| {
+            let units = grbl.lock().true_positions(at_s);
+            let angles = std::array::from_fn(|i| (units[i] - zero_units[i]).to_radians());
+            Ok(HeadAngles::from_array(angles))
         })
     }
 
     /// What the axes may do.
-    pub fn limits(&self) -> [AxisLimits; 4] {
+    pub(crate) fn limits(&self) -> [AxisLimits; 4] {
         self.limits
     }
 
     /// What the driver believes of the axes.
-    pub fn states(&self) -> [AxisState; 4] {
+    pub(crate) fn states(&self) -> [AxisState; 4] {
         locked(&self.drive).states()
     }
 
     /// Lines with motion that were sent since the last call.
-    pub fn take_motion(&self) -> u64 {
+    pub(crate) fn take_motion(&self) -> u64 {
         std::mem::take(&mut locked(&self.tap).motion)
     }
 
     /// Lines that unlock or home that were sent since the last call.
-    pub fn take_unlocks(&self) -> u64 {
+    pub(crate) fn take_unlocks(&self) -> u64 {
         std::mem::take(&mut locked(&self.tap).unlocks)
     }
 
     /// Let the world go on to `world_s`, at which the program's clock shows `clock_s`: plant what begins, move, and poll the driver as its own thread does.
-    pub fn advance(&mut self, world_s: f64, clock_s: f64, faults: &[Planted]) {
+    pub(crate) fn advance(&mut self, world_s: f64, clock_s: f64, faults: &[Planted]) {
         self.world.set(world_s);
         {
             let mut grbl = self.grbl.lock();
@@ -328,7 +314,7 @@ impl Machine {
 
     /// What the motion did since the last call that it may not: speeds and accelerations by the controller's own audit and by the counters, positions beyond
     /// the limits.
-    pub fn violations(&mut self, world_s: f64) -> Vec<String> {
+    pub(crate) fn violations(&mut self, world_s: f64) -> Vec<String> {
         let grbl = self.grbl.lock();
         let audit = grbl.audit();
         let now = [audit.speed, audit.acceleration, audit.jumps];
@@ -367,7 +353,6 @@ impl Machine {
             let inside = (limits.position_min_rad - slack..=limits.position_max_rad + slack)
                 .contains(&angle);
             if homed && !inside {
-                self.outside += 1;
                 found.push(format!(
                     "axis {axis:?} stands at {:.2} deg, outside its limits",
                     angle.to_degrees()

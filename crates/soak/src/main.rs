@@ -133,9 +133,13 @@ fn worker(asked: &Asked, next: &AtomicU64) -> anyhow::Result<Vec<Verdict>> {
             bug: asked.bug,
             trace: asked.trace,
         };
-        let verdict = pool
-            .install(|| run(plan))
-            .with_context(|| format!("seed {}", plan.seed))?;
+        // A panic is a finding, not an end: the program must not have any. Nothing of a seed outlives it.
+        let ran =
+            std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| pool.install(|| run(plan))));
+        let verdict = match ran {
+            Ok(verdict) => verdict.with_context(|| format!("seed {}", plan.seed))?,
+            Err(_) => Verdict::panicked(plan.seed),
+        };
         verdicts.push(verdict);
     }
 }

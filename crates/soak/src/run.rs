@@ -15,7 +15,7 @@ use crate::tape::{Mood, Tape};
 use crate::verdict::{Verdict, Watcher};
 
 /// The world moves on by this much at a time, s.
-pub const STEP_S: f64 = 0.005;
+pub(crate) const STEP_S: f64 = 0.005;
 
 /// From a pair's arrival to its setpoints, s: the loop's own time.
 const PROCESSING_S: f64 = 0.005;
@@ -116,13 +116,16 @@ fn conductor(machine: &Machine) -> anyhow::Result<Conductor> {
         ..ServoSettings::default()
     };
     let servo = Servo::new(&info, Rigging::Motors(Box::new(motors)), &settings)?;
-    Ok(Conductor::new(servo, SupervisorSettings::default())?)
+    Ok(Conductor::new(
+        servo,
+        SupervisorSettings::for_pace(1.0 / FPS, eyes::LATENCY_S),
+    )?)
 }
 
 impl Run {
     fn new(plan: Plan, faults: Vec<Planted>) -> anyhow::Result<Self> {
         let machine = Machine::new(plan.seed, plan.bug)?;
-        let eyes = Eyes::new(plan.seed, plan.seconds, geometry(), machine.mount())?;
+        let eyes = Eyes::new(plan.seed, plan.seconds, geometry(), machine.standing())?;
         Ok(Self {
             watcher: Watcher::new(&plan, &faults),
             conductor: conductor(&machine)?,
@@ -207,6 +210,7 @@ impl Run {
     /// Frames that have come in go to the pairing.
     fn deliver(&mut self) {
         self.watcher.bound(
+            self.world_s,
             "frames on their way",
             self.on_the_way.len(),
             MOST_ON_THE_WAY,
@@ -306,8 +310,12 @@ impl Run {
         for event in self.conductor.take_events() {
             self.watcher.event(self.world_s, &event);
         }
-        self.watcher
-            .bound("frames that wait for a partner", self.pairer.waiting(), 16);
+        self.watcher.bound(
+            self.world_s,
+            "frames that wait for a partner",
+            self.pairer.waiting(),
+            16,
+        );
         let pointing = self.eyes.pointing(self.world_s);
         self.watcher
             .rig(self.world_s, self.conductor.state(), pointing);

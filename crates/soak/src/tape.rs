@@ -24,12 +24,9 @@ const SLOW_BYTES: usize = 5;
 /// What is younger than this need not be on the disk yet, s.
 const BEHIND_S: f64 = 1.5;
 
-/// So much may wait for the disk, bytes: the recorder's own bounds.
-const MOST_WAITING: usize = 256 << 20;
-
 /// How the disk is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Mood {
+pub(crate) enum Mood {
     /// It takes everything.
     Good,
     /// It takes next to nothing.
@@ -88,7 +85,7 @@ impl Storage for Handle {
 }
 
 /// The recording while it is made, with what it was given.
-pub struct Tape {
+pub(crate) struct Tape {
     recorder: Recorder,
     disk: Arc<Mutex<Disk>>,
     /// When each pair's step was given, s of the world.
@@ -104,7 +101,7 @@ impl Tape {
     ///
     /// # Errors
     /// A recorder that cannot be set up.
-    pub fn new(seed: u64, bug: Option<Bug>) -> anyhow::Result<Self> {
+    pub(crate) fn new(seed: u64, bug: Option<Bug>) -> anyhow::Result<Self> {
         let disk = Arc::new(Mutex::new(Disk {
             bytes: Vec::new(),
             mood: Mood::Good,
@@ -137,13 +134,13 @@ impl Tape {
     }
 
     /// A pair that the loop used.
-    pub fn step(&mut self, world_s: f64, pair: &StereoFrame, step: &Step) {
+    pub(crate) fn step(&mut self, world_s: f64, pair: &StereoFrame, step: &Step) {
         self.steps_s.push(world_s);
         self.recorder.step(pair, step, Beside::default());
     }
 
     /// A decision of the supervisor.
-    pub fn decided(&mut self, decision: &Decision) {
+    pub(crate) fn decided(&mut self, decision: &Decision) {
         self.told.push(decision.text.clone());
         self.recorder.happening(&Happening {
             time_s: decision.time_s,
@@ -155,7 +152,7 @@ impl Tape {
     }
 
     /// Let the recorder work, with the disk in this mood. `world_s` is the world's time, `now_s` the program's, made steady.
-    pub fn pump(&mut self, world_s: f64, now_s: f64, mood: Mood) {
+    pub(crate) fn pump(&mut self, world_s: f64, now_s: f64, mood: Mood) {
         {
             let mut disk = locked(&self.disk);
             disk.mood = mood;
@@ -168,8 +165,10 @@ impl Tape {
     }
 
     /// What is wrong with the recording as it lies on the disk now.
-    pub fn wrong(&self, world_s: f64) -> Option<String> {
-        if self.recorder.waiting_bytes().iter().sum::<usize>() > MOST_WAITING {
+    pub(crate) fn wrong(&self, world_s: f64) -> Option<String> {
+        let limits = Limits::default();
+        let [pictures, numbers] = self.recorder.waiting_bytes();
+        if pictures > limits.pictures_bytes || numbers > limits.numbers_bytes {
             return Some("more waits for the disk than may".to_owned());
         }
         let disk = locked(&self.disk);
@@ -196,7 +195,7 @@ impl Tape {
     }
 
     /// Finish it; what is wrong with it then. Everything that was given must be there.
-    pub fn finish(self, now_s: f64) -> Option<String> {
+    pub(crate) fn finish(self, now_s: f64) -> Option<String> {
         let (status, result) = self.recorder.finish(now_s);
         if let Err(error) = result {
             return Some(format!("the recording was not finished: {error}"));

@@ -1,5 +1,7 @@
 //! What is checked at every step, and what comes out of a seed.
 
+use std::collections::VecDeque;
+
 use vergence_control::supervisor::Decision;
 use vergence_control::{AxisState, DriveEvent, RigState};
 use vergence_servo::Step;
@@ -8,7 +10,7 @@ use crate::faults::Planted;
 use crate::run::Plan;
 
 /// After the last fault is over the target must be followed again within this, s.
-pub const BACK_WITHIN_S: f64 = 2.0;
+pub(crate) const BACK_WITHIN_S: f64 = 2.0;
 
 /// The target counts as followed when it is no further from the middle than this share of the picture's width.
 const FOLLOWED_WITHIN: f64 = 0.25;
@@ -37,33 +39,79 @@ pub struct Verdict {
     pub fingerprint: u64,
 }
 
+/// Faults that overlap or follow one another at once.
+#[derive(Clone, Copy, Debug)]
+struct Group {
+    /// When the last of them is over, s.
+    planted_over_s: f64,
+    /// The same with whatever a person had to do after it.
+    over_s: f64,
+    /// When the next ones begin, or the run ends, s.
+    next_s: f64,
+}
+
+/// The groups in order of time: pauses between them are longer than what is wanted for coming back.
+fn groups(faults: &[Planted], end_s: f64) -> VecDeque<Group> {
+    let mut faults = faults.to_vec();
+    faults.sort_by(|a, b| a.from_s.total_cmp(&b.from_s));
+    let mut groups: VecDeque<Group> = VecDeque::new();
+    for fault in &faults {
+        match groups.back_mut() {
+            Some(group) if fault.from_s < group.planted_over_s + 2.0 * BACK_WITHIN_S => {
+                group.planted_over_s = group.planted_over_s.max(fault.until_s);
+                group.over_s = group.planted_over_s;
+            }
+            last => {
+                if let Some(group) = last {
+                    group.next_s = fault.from_s;
+                }
+                groups.push_back(Group {
+                    planted_over_s: fault.until_s,
+                    over_s: fault.until_s,
+                    next_s: end_s,
+                });
+            }
+        }
+    }
+    groups
+}
+
 /// Whether lines with motion may be sent in this state.
 fn moves(state: RigState) -> bool {
     state.may_move() || state == RigState::Homing
 }
 
+impl Verdict {
+    /// Of a seed whose run panicked.
+    pub fn panicked(seed: u64) -> Self {
+        Self {
+            seed,
+            violations: vec!["the run panicked; what it said stands above".to_owned()],
+            count: 1,
+            moving: 0.0,
+            fingerprint: 0,
+        }
+    }
+}
+
 /// Watches one seed.
-pub struct Watcher {
+pub(crate) struct Watcher {
     seed: u64,
     trace: bool,
     violations: Vec<String>,
     count: u64,
-    /// When the last fault, and whatever a person had to do after it, was over, s.
-    over_s: f64,
-    planted_over_s: f64,
-    followed: bool,
+    /// Groups of faults that are not judged yet, the next one first.
+    groups: VecDeque<Group>,
     moving: u64,
     steps: u64,
     state: RigState,
     unused: bool,
     asked_s: f64,
     fingerprint: u64,
-    end_s: f64,
 }
 
 impl Watcher {
     pub(crate) fn new(plan: &Plan, faults: &[Planted]) -> Self {
-        let over_s = faults.iter().map(|p| p.until_s).fold(0.0, f64::max);
         if plan.trace {
             for p in faults {
                 println!(
@@ -77,16 +125,13 @@ impl Watcher {
             trace: plan.trace,
             violations: Vec::new(),
             count: 0,
-            over_s,
-            planted_over_s: over_s,
-            followed: false,
+            groups: groups(faults, plan.seconds),
             moving: 0,
             steps: 0,
             state: RigState::Starting,
             unused: false,
             asked_s: f64::NEG_INFINITY,
             fingerprint: 0,
-            end_s: plan.seconds,
         }
     }
 
@@ -100,9 +145,9 @@ impl Watcher {
     }
 
     /// A queue and its bound.
-    pub(crate) fn bound(&mut self, name: &str, length: usize, most: usize) {
+    pub(crate) fn bound(&mut self, world_s: f64, name: &str, length: usize, most: usize) {
         if length > most {
-            self.violated(0.0, &format!("{length} {name}, more than {most}"));
+            self.violated(world_s, &format!("{length} {name}, more than {most}"));
         }
     }
 
@@ -175,28 +220,33 @@ impl Watcher {
         self.fingerprint = vergence_scene::hash::mix(self.fingerprint ^ seen);
         self.moving += u64::from(state.may_move());
         let waits_for_a_person = matches!(state, RigState::Fault | RigState::Homing);
-        if waits_for_a_person
-            && world_s >= self.planted_over_s
-            && world_s < self.planted_over_s + PERSON_WITHIN_S
-        {
-            self.over_s = world_s;
-        }
-        if world_s < self.over_s {
+        self.judge(world_s, waits_for_a_person, pointing);
+    }
+
+    /// Whether the target is followed again in time after the group of faults that was last over.
+    fn judge(&mut self, world_s: f64, waits_for_a_person: bool, pointing: Option<f64>) {
+        let Some(group) = self.groups.front_mut() else {
+            return;
+        };
+        if world_s < group.planted_over_s {
             return;
         }
-        self.followed |=
-            state == RigState::Tracking && pointing.is_some_and(|p| p <= FOLLOWED_WITHIN);
-        let late =
-            world_s > self.over_s + BACK_WITHIN_S && self.over_s + BACK_WITHIN_S < self.end_s;
-        if late && !self.followed {
-            let state = state.name();
-            let over_s = self.over_s;
+        if waits_for_a_person && world_s < group.planted_over_s + PERSON_WITHIN_S {
+            group.over_s = world_s;
+        }
+        let followed =
+            self.state == RigState::Tracking && pointing.is_some_and(|p| p <= FOLLOWED_WITHIN);
+        let over_s = group.over_s;
+        if (followed && world_s >= over_s) || world_s >= group.next_s {
+            // Followed, or the next faults began before it could be told.
+            self.groups.pop_front();
+        } else if world_s > over_s + BACK_WITHIN_S {
+            self.groups.pop_front();
+            let state = self.state.name();
             self.violated(
                 world_s,
-                &format!("not followed again {BACK_WITHIN_S} s after the last fault was over at {over_s:.2} s; {state}, off by {pointing:?}"),
+                &format!("not followed again {BACK_WITHIN_S} s after the faults were over at {over_s:.2} s; {state}, off by {pointing:?}"),
             );
-            // Once is enough.
-            self.followed = true;
         }
     }
 

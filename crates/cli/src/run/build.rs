@@ -1,7 +1,7 @@
 //! From flags and settings to a source, a loop and a plan; everything that can be refused is refused here.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use vergence_calib::{MachineCalibration, ReadOptions, RigCalibration};
 use vergence_capture::{FilesConfig, FilesSource, OnFault, RealClock, TwinConfig, TwinSource};
@@ -11,7 +11,7 @@ use vergence_control::{
 };
 use vergence_geometry::comfort::Rule;
 use vergence_geometry::planning::{self, Setup};
-use vergence_geometry::{Camera, Screen, Viewer};
+use vergence_geometry::{Camera, HeadAngles, Screen, Viewer};
 use vergence_servo::{Motors, Rigging, Servo, ServoSettings, WatchSettings};
 use vergence_track::{FollowSettings, PixelBox, Posture, TrackError, check_box};
 
@@ -81,6 +81,7 @@ pub(crate) fn from_args(args: &RunArgs, settings: &Settings) -> anyhow::Result<B
         source: source_name(args, &feed),
         real_time: !args.fast,
         live: motors,
+        home: args.home,
         headless: args.headless,
         seconds: settings.number_or_auto("run.seconds"),
         out: PathBuf::from(settings.word("run.out")),
@@ -146,7 +147,13 @@ fn twin(
     if let Some(live) = live {
         control.backlash_rad = [0.0; 4];
         let motors = live.drive.clone();
-        let standing = Arc::new(move |at_s| motors.angles_at(at_s));
+        // A controller that homes or is silent says nothing: its cameras are pictured where it last said that they were.
+        let last = Mutex::new(HeadAngles::default());
+        let standing = Arc::new(move |at_s| {
+            let mut last = last.lock().unwrap_or_else(PoisonError::into_inner);
+            *last = motors.angles_at(at_s).unwrap_or(*last);
+            Ok(*last)
+        });
         source = source.on_motors(standing, live.clock.clone());
     }
     let backlash = control.backlash_rad;
@@ -187,6 +194,11 @@ fn twin(
 fn live_motors(args: &RunArgs, settings: &Settings) -> anyhow::Result<Option<Live>> {
     let spec = MotorsSpec::from_text(settings.word("motors.controller"))?;
     if spec == MotorsSpec::Simulated {
+        if args.home {
+            return Err(
+                fault::usage("--home has no meaning with simulated axes: they are homed").into(),
+            );
+        }
         return Ok(None);
     }
     for (given, flag) in [
@@ -203,14 +215,18 @@ fn live_motors(args: &RunArgs, settings: &Settings) -> anyhow::Result<Option<Liv
     }
     let drive = spec.open(&crate::twin::config(settings)?.head)?;
     for (axis, state) in AxisName::ALL.into_iter().zip(drive.states()) {
-        if matches!(state, AxisState::Unhomed | AxisState::Fault) {
+        let unhomed = state == AxisState::Unhomed && !args.home;
+        if unhomed || state == AxisState::Fault {
             return Err(fault::failed(format!(
                 "{}: axis {} cannot follow: {}",
                 spec.text(),
                 axis_word(axis),
                 state_word(state)
             ))
-            .hint(format!("vergence home --motors {}", spec.text()))
+            .hint(format!(
+                "add --home to let the axes look for their zeros first, or run vergence home --motors {}",
+                spec.text()
+            ))
             .into());
         }
     }
@@ -419,6 +435,7 @@ fn files(
 ) -> anyhow::Result<(Feed, Servo)> {
     for (flag, given) in [
         ("--motors", args.motors.is_some()),
+        ("--home", args.home),
         ("--path", args.path.is_some()),
         ("--seed", args.seed.is_some()),
         ("--light", args.light.is_some()),

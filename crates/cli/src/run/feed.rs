@@ -125,14 +125,33 @@ impl Feed {
         }
     }
 
-    /// Stop all axes and park; `None` for cameras that do not move. The simulated axes take the time that they need on the run's
-    /// clock; nobody waits for it.
-    pub(crate) fn bring_to_rest(&self, servo: &mut Servo, live: Option<&Live>) -> Option<Rest> {
+    /// How old pairs are when they come, s: as the twin is set; of cameras that stand still nobody asks.
+    pub(crate) fn latency_s(&self) -> f64 {
+        match self {
+            Feed::Twin(twin) => {
+                let config = twin.config();
+                let exposure_s = config.cameras[0]
+                    .exposure_s
+                    .max(config.cameras[1].exposure_s);
+                exposure_s / 2.0 + config.latency_s + config.latency_jitter_s
+            }
+            Feed::Files(_) | Feed::Live(_) => 0.0,
+        }
+    }
+
+    /// Stop all axes and, as long as `may_park` says so, park; `None` for cameras that do not move. The simulated axes take the time that they need on
+    /// the run's clock; nobody waits for it.
+    pub(crate) fn bring_to_rest(
+        &self,
+        servo: &mut Servo,
+        live: Option<&Live>,
+        may_park: &dyn Fn() -> bool,
+    ) -> Option<Rest> {
         let settings = ControlSettings::default();
         if let Some(live) = live {
             let mut clock = live.clock.clone();
             let drive = servo.drive_mut()?;
-            return Some(bring_to_rest(drive, &mut clock, &settings));
+            return Some(bring_to_rest(drive, &mut clock, &settings, may_park));
         }
         let Feed::Twin(twin) = self else {
             return None;
@@ -147,7 +166,7 @@ impl Feed {
         let mut clock = SimulatedClock::new();
         clock.sleep_until(now_s);
         let drive = servo.drive_mut()?;
-        Some(bring_to_rest(drive, &mut clock, &settings))
+        Some(bring_to_rest(drive, &mut clock, &settings, may_park))
     }
 
     /// The truth of one step; `None` for real footage, or when the twin is empty.

@@ -20,6 +20,7 @@ use super::still::{Scene, Still};
 use super::summary::{Change, Facts, MOST_EVENTS, Rows, Summary, Wall};
 use super::view::{Screening, row_from_step};
 use super::watched::Watched;
+use super::words::Words;
 
 /// The stated time from the arrival of a pair to its setpoints in a simulated run, s: what the loop takes on two cores with
 /// some to spare. A fixed figure, so that a run does not depend on how fast the machine is.
@@ -41,6 +42,8 @@ pub(crate) struct Plan {
     pub(crate) real_time: bool,
     /// Set when the motors are not simulated: then setpoints are given when they are due on this clock.
     pub(crate) live: Option<Live>,
+    /// A person asked for homing before the run follows anybody.
+    pub(crate) home: bool,
     /// No live line.
     pub(crate) headless: bool,
     /// Stop after this much time of the run's clock.
@@ -70,7 +73,7 @@ pub(crate) struct Outcome {
 
 /// Run until the source ends, the time is over or a person stops it.
 ///
-/// However it ends, the axes are stopped and, if time allows, parked. A run that fails leaves its rows and its summary when
+/// However it ends, the axes are stopped first, and parked unless a person ended it or something was in doubt. A run that fails leaves its rows and its summary when
 /// its pairs cannot be had again, and nothing when they can.
 pub(crate) fn run(
     mut feed: Feed,
@@ -83,7 +86,11 @@ pub(crate) fn run(
     let mut folder = RunFolder::create(&plan.out)?;
     let mut log = Log::new(&feed, plan);
     log.begin_recording(&folder, &feed, &servo, plan)?;
-    let mut conductor = Conductor::new(servo, SupervisorSettings::default())?;
+    let pace = SupervisorSettings::for_pace(1.0 / feed.info().fps, feed.latency_s());
+    let mut conductor = Conductor::new(servo, pace)?;
+    if plan.home {
+        conductor.ask_home();
+    }
     let ended = follow(
         &mut feed,
         &mut conductor,
@@ -93,8 +100,14 @@ pub(crate) fn run(
         &mut folder,
         &mut log,
     );
+    // The axes before everything else: files can wait.
+    let sound = conductor.state().may_move();
+    let may_park = || sound && !stop.load(Ordering::Relaxed);
+    let live = plan.live.as_ref();
+    log.facts.rest = feed.bring_to_rest(conductor.servo_mut(), live, &may_park);
     log.panel.clear();
-    let ended = ended.and_then(|()| log.take_rig(&mut conductor));
+    let rig = log.take_rig(&mut conductor);
+    let ended = ended.and(rig);
     let servo = conductor.servo_mut();
     if let Some(note) = servo.last_look() {
         let now_s = log.rows.last_s();
@@ -104,8 +117,7 @@ pub(crate) fn run(
         crate::output::say(&sentence);
     }
     log.facts.health = std::mem::take(&mut log.watched).summary();
-    log.facts.rest = feed.bring_to_rest(servo, plan.live.as_ref());
-    log.facts.limit_violations = feed.limit_violations(plan.live.as_ref());
+    log.facts.limit_violations = feed.limit_violations(live);
     log.facts.dropped_pairs = feed.dropped_pairs();
     log.facts.remarks = feed.remarks();
     log.facts.cameras = feed.statistics();
@@ -136,6 +148,7 @@ fn follow(
         Some(live) => live.clock.clone(),
         None => RealClock::new(),
     };
+    let words = plan.live.as_ref().and_then(|_| Words::of_terminal());
     let mut first_s = None;
     let mut next = first;
     while let Some(pair) = next.take() {
@@ -147,6 +160,9 @@ fn follow(
         }
         if plan.seconds.is_some_and(|limit| elapsed_s >= limit) {
             break;
+        }
+        if let Some(words) = &words {
+            words.obey(conductor, pair.arrival_s());
         }
         let mut now_s = feed.now_s().unwrap_or(pair.arrival_s() + PROCESSING_S);
         if plan.live.is_some() {
@@ -506,6 +522,7 @@ mod tests {
             source: "test".to_owned(),
             real_time: false,
             live: None,
+            home: false,
             headless: true,
             seconds: None,
             out,
@@ -535,7 +552,7 @@ mod tests {
         let summary = outcome.summary;
         assert_eq!(summary.failed.as_deref(), Some(failure.as_str()));
         let rest = summary.rest.unwrap();
-        assert!(rest.stopped && rest.parked, "{rest:?}");
+        assert!(rest.stopped && !rest.parked, "{rest:?}");
         assert_eq!(summary.limit_violations, 0);
         let rows = std::fs::read_to_string(outcome.folder.join("frames.csv")).unwrap();
         assert_eq!(rows.lines().count() as u64, 1 + summary.frames);

@@ -25,7 +25,8 @@ pub struct Decision {
 pub struct Memory {
     entries: VecDeque<Decision>,
     decided: u64,
-    changes: Vec<Decision>,
+    changes: VecDeque<Decision>,
+    forgotten: u64,
 }
 
 /// So many changes wait to be taken at most.
@@ -42,9 +43,14 @@ impl Memory {
         self.decided
     }
 
-    /// The changes of state since the last call, oldest first, at most 64.
+    /// The changes of state since the last call, oldest first, at most the newest 64; see [`Self::forgotten`].
     pub fn take_changes(&mut self) -> Vec<Decision> {
-        std::mem::take(&mut self.changes)
+        std::mem::take(&mut self.changes).into()
+    }
+
+    /// Changes of state that nobody took in time.
+    pub fn forgotten(&self) -> u64 {
+        self.forgotten
     }
 
     /// Keep something that was noticed or commanded.
@@ -63,9 +69,11 @@ impl Memory {
             change: Some((from, to)),
             text,
         };
-        if self.changes.len() < CHANGES_WAITING {
-            self.changes.push(decision.clone());
+        if self.changes.len() == CHANGES_WAITING {
+            self.changes.pop_front();
+            self.forgotten += 1;
         }
+        self.changes.push_back(decision.clone());
         self.push(decision);
     }
 

@@ -169,10 +169,51 @@ fn homing() {
     let mut rig = supervisor();
     rig.ask_home();
     assert_eq!(look(&mut rig, 0.1, unhomed), Orders::Home);
-    for i in 2..=602 {
+    for i in 2..=1802 {
         look(&mut rig, 0.1 * f64::from(i), unhomed);
     }
     assert_eq!(rig.state(), RigState::Fault);
+}
+
+/// Homed axes go to zero while all is sound, stand in any doubt, and only then is homing done.
+#[test]
+fn centring_stops_in_doubt() {
+    let up = |heard_s| Link::Up { heard_s };
+    let mut rig = supervisor();
+    rig.ask_home();
+    let look = |rig: &mut Supervisor, now_s: f64, centred, doubt| {
+        rig.look(&Senses {
+            centred,
+            doubt,
+            ..sound(now_s, &up(now_s))
+        })
+    };
+    assert_eq!(look(&mut rig, 0.1, false, None), Orders::Home);
+    assert_eq!(look(&mut rig, 0.2, false, None), Orders::Centre);
+    assert_eq!(look(&mut rig, 0.3, false, Some("dark")), Orders::Hold);
+    assert_eq!(look(&mut rig, 0.4, false, None), Orders::Centre);
+    assert_eq!(rig.state(), RigState::Homing);
+    assert_eq!(look(&mut rig, 0.5, true, None), Orders::Follow);
+}
+
+/// Words that were said before there was a fault, or while the axes moved, do nothing later.
+#[test]
+fn words_do_not_wait() {
+    let up = |heard_s| Link::Up { heard_s };
+    let mut rig = supervisor();
+    rig.look(&sound(1.0, &up(1.0)));
+    rig.ask_clear();
+    rig.ask_home();
+    assert_eq!(rig.look(&sound(1.1, &up(1.1))), Orders::Follow);
+    let link = up(1.2);
+    let mut broken = sound(1.2, &link);
+    broken.axes[1] = AxisState::Unhomed;
+    assert_eq!(rig.look(&broken), Orders::Hold);
+    assert_eq!(rig.state(), RigState::Fault);
+    for i in 0..100 {
+        let now_s = 1.3 + 0.1 * f64::from(i);
+        assert_eq!(rig.look(&sound(now_s, &up(now_s))), Orders::Hold);
+    }
 }
 
 fn states() -> impl Strategy<Value = AxisState> {
@@ -223,12 +264,13 @@ proptest! {
         let mut rig = supervisor();
         let mut now_s = 0.0;
         let mut stopped = false;
+        let mut cleared = false;
         for (step_s, ages, axes, following, [alarm, doubt, down], person) in looks {
             now_s += if step_s.is_finite() { step_s } else { 0.0 };
             let told_s = if step_s.is_finite() { now_s } else { step_s };
             match person {
                 0 => { rig.ask_stop("Ctrl-C"); stopped = true; }
-                1..4 => rig.ask_clear(),
+                1..4 => { rig.ask_clear(); cleared |= rig.state() == RigState::Fault; }
                 4..8 => rig.ask_home(),
                 _ => {}
             }
@@ -250,10 +292,14 @@ proptest! {
                 doubt: doubt.then_some("a reading is missing"),
             });
             prop_assert!(before == rig.state() || before != RigState::Stopped);
+            if before == RigState::Fault && !matches!(rig.state(), RigState::Fault | RigState::Stopped) {
+                prop_assert!(cleared);
+            }
+            cleared &= rig.state() == RigState::Fault;
             if stopped {
                 prop_assert_eq!(rig.state(), RigState::Stopped);
             }
-            if orders == Orders::Follow {
+            if matches!(orders, Orders::Follow | Orders::Centre) {
                 prop_assert!(!down && !alarm && !doubt && told_s.is_finite());
                 prop_assert!(axes.iter().all(|a| matches!(a, AxisState::Ready | AxisState::Held)));
                 prop_assert!(ages[..2].iter().all(|a| a.abs() <= 0.25 + 1e-9));

@@ -3,9 +3,6 @@
 use vergence_capture::{Frame, StereoFrame};
 use vergence_imaging::Rgb;
 
-/// A pair may be so old when it comes, s.
-const OLDEST_S: f64 = 0.5;
-
 /// A pair may be stamped so much later than it is taken, s: the rounding of drivers.
 const AHEAD_S: f64 = 0.005;
 
@@ -19,8 +16,9 @@ const LOOKED_AT: usize = 4096;
 const DARK_BELOW: f64 = 4.0;
 
 /// Remembers the last pair.
-#[derive(Default)]
 pub(super) struct Sentry {
+    /// A pair may be so old when it comes, s.
+    oldest_s: f64,
     capture_s: Option<f64>,
     eyes: [Eyesight; 2],
 }
@@ -33,10 +31,19 @@ struct Eyesight {
 }
 
 impl Sentry {
+    /// A sentry that has seen nothing yet.
+    pub(super) fn new(oldest_s: f64) -> Self {
+        Self {
+            oldest_s,
+            capture_s: None,
+            eyes: Default::default(),
+        }
+    }
+
     /// Which cameras the pair shows to be live, left and right; an error says why the pair as a whole cannot be used.
     pub(super) fn judge(&mut self, pair: &StereoFrame, now_s: f64) -> Result<[bool; 2], String> {
         for (name, frame) in [("left", &pair.left), ("right", &pair.right)] {
-            check_times(name, frame, now_s)?;
+            self.check_times(name, frame, now_s)?;
         }
         let capture_s = pair.capture_s();
         let last_s = self.capture_s.unwrap_or(f64::NEG_INFINITY);
@@ -52,16 +59,17 @@ impl Sentry {
             right.is_live(&pair.right.picture),
         ])
     }
-}
 
-fn check_times(name: &str, frame: &Frame, now_s: f64) -> Result<(), String> {
-    let age_s = now_s - frame.capture_s;
-    if !(-AHEAD_S..=OLDEST_S).contains(&age_s) {
-        return Err(format!(
-            "the {name} picture is stamped {age_s:.3} s before now; it must be 0 to {OLDEST_S} s"
-        ));
+    fn check_times(&self, name: &str, frame: &Frame, now_s: f64) -> Result<(), String> {
+        let age_s = now_s - frame.capture_s;
+        if !(-AHEAD_S..=self.oldest_s).contains(&age_s) {
+            return Err(format!(
+                "the {name} picture is stamped {age_s:.3} s before now; it must be 0 to {} s",
+                self.oldest_s
+            ));
+        }
+        Ok(())
     }
-    Ok(())
 }
 
 impl Eyesight {
