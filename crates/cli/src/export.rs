@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 use vergence_record::{Recording, Topic};
 
-use crate::fault;
+use crate::fault::{self, Fault};
 use crate::info::{opened, refused};
 use crate::output::{self, Format};
 
@@ -57,11 +57,7 @@ pub(crate) fn run(args: &ExportArgs) -> anyhow::Result<()> {
     }
     let input = opened(&args.file)?;
     let recording = Recording::new(input).map_err(|e| refused(&args.file, &e))?;
-    let mut name = args.out.file_name().unwrap_or_default().to_owned();
-    name.push(".partial");
-    let partial = Partial(args.out.with_file_name(name));
-    std::fs::create_dir_all(&partial.0)
-        .map_err(|e| fault::failed(format!("cannot make {}: {e}", partial.0.display())))?;
+    let partial = Partial::beside(&args.out)?;
     let written = write(recording, &partial.0, args)?;
     std::fs::rename(&partial.0, &args.out).map_err(|e| {
         fault::failed(format!(
@@ -107,8 +103,31 @@ impl Written {
     }
 }
 
-/// A folder that is removed unless it was given its name.
+/// A folder of ours that is removed unless it was given its name.
 struct Partial(PathBuf);
+
+impl Partial {
+    /// A new folder beside `out`; what is there already is somebody else's.
+    fn beside(out: &Path) -> Result<Self, Fault> {
+        let mut name = out.file_name().unwrap_or_default().to_owned();
+        name.push(".partial");
+        let path = out.with_file_name(name);
+        let cannot =
+            |e: std::io::Error| fault::failed(format!("cannot make {}: {e}", path.display()));
+        if let Some(parent) = path.parent() {
+            std::fs::create_dir_all(parent).map_err(cannot)?;
+        }
+        match std::fs::create_dir(&path) {
+            Ok(()) => Ok(Self(path)),
+            Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => Err(fault::usage(format!(
+                "{} is there already, and the export would be written there first",
+                path.display()
+            ))
+            .hint("remove it when it is of an export that was killed, or name another --out")),
+            Err(e) => Err(cannot(e)),
+        }
+    }
+}
 
 impl Drop for Partial {
     fn drop(&mut self) {
@@ -146,7 +165,7 @@ fn write(
                     {
                         pictures.pair(&message)?;
                     }
-                    numbers.take(topic, &message, cells)?;
+                    numbers.take(topic, cells)?;
                 }
                 Some(Err(_)) => unreadable += 1,
                 None => {}

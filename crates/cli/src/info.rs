@@ -79,7 +79,7 @@ fn text_of(info: &Info) -> String {
     let mut text = String::new();
     let mut line = |name: &str, value: String| {
         // Writing to a String cannot fail.
-        let _ = writeln!(text, "{name:<18}{value}");
+        let _ = writeln!(text, "{:<18}{}", shown(name), shown(&value));
     };
     for (name, value) in &info.contents.facts {
         line(name, value.clone());
@@ -137,10 +137,22 @@ fn text_of(info: &Info) -> String {
             .map_or_else(|| "-".to_owned(), |r| format!("{r:.2}"));
         text += &format!(
             "{:<20}{:<28}{:>9}{:>12}{rate:>10}{:>10.3}\n",
-            channel.topic, channel.schema, channel.messages, channel.bytes, channel.longest_gap_s
+            shown(&channel.topic),
+            shown(&channel.schema),
+            channel.messages,
+            channel.bytes,
+            channel.longest_gap_s
         );
     }
     text
+}
+
+/// Words of a file as a terminal may have them: without characters that it would obey.
+fn shown(words: &str) -> String {
+    words
+        .chars()
+        .map(|c| if c.is_control() { '\u{fffd}' } else { c })
+        .collect()
 }
 
 fn json_of(info: &Info) -> serde_json::Value {

@@ -6,7 +6,8 @@ use serde::Serialize;
 use vergence_calib::MachineCalibration;
 use vergence_capture::Source as _;
 use vergence_control::Controller;
-use vergence_record::rows::{Estimate, Step as StepRow};
+use vergence_geometry::Camera;
+use vergence_record::rows::Estimate;
 use vergence_record::table::Row as _;
 use vergence_record::{
     Beside, Description, FileStorage, Pictures, RecordSettings, Recorder, ReplaySource, steps,
@@ -14,7 +15,7 @@ use vergence_record::{
 use vergence_servo::{Motors, Rigging, Servo, ServoSettings, Step};
 use vergence_track::{FollowSettings, Posture};
 
-use crate::fault;
+use crate::fault::{self, Fault};
 use crate::info::refused;
 use crate::output::{self, Format};
 use crate::run::build;
@@ -89,7 +90,7 @@ pub(crate) fn run(args: &ReplayArgs) -> anyhow::Result<()> {
         let recorded = source.recorded();
         if let Some(row) = &recorded.step {
             let step = servo.step(&pair, row.command_s)?;
-            squares += comparison.take(row, recorded.estimate.as_ref(), &step);
+            squares += comparison.take(recorded.estimate.as_ref(), &step);
             if let Some(recorder) = &mut out {
                 recorder.step(&pair, &step, Beside::default());
                 recorder.pump(step.command_s);
@@ -112,16 +113,29 @@ pub(crate) fn run(args: &ReplayArgs) -> anyhow::Result<()> {
         Format::Text => output::print(&comparison.text())?,
         Format::Json => output::print_json(&comparison)?,
     }
-    let same = comparison.equal == comparison.estimates && comparison.only_one == 0;
-    if args.strict && !same {
-        return Err(fault::failed("the replay differs from the recording").into());
+    match args.strict {
+        true => comparison.strict().map_err(Into::into),
+        false => Ok(()),
     }
-    Ok(())
 }
 
 impl Comparison {
+    /// Whether every estimate is the recorded one; where none was compared nobody knows.
+    fn strict(&self) -> Result<(), Fault> {
+        if self.equal != self.estimates || self.only_one > 0 {
+            return Err(fault::failed("the replay differs from the recording"));
+        }
+        if self.estimates == 0 {
+            return Err(fault::failed(format!(
+                "nothing was compared: {} pairs were replayed, and none has an estimate",
+                self.pairs
+            )));
+        }
+        Ok(())
+    }
+
     /// Compare one step; the square of the distance between both estimates, m².
-    fn take(&mut self, _row: &StepRow, recorded: Option<&Estimate>, step: &Step) -> f64 {
+    fn take(&mut self, recorded: Option<&Estimate>, step: &Step) -> f64 {
         self.pairs += 1;
         let now = step
             .estimate
@@ -196,6 +210,9 @@ fn servo_of(source: &ReplaySource, path: &Path) -> anyhow::Result<Servo> {
         }
         None => {
             let config = crate::twin::config(&settings)?;
+            for (camera, recorded) in config.cameras.iter().zip(&info.cameras) {
+                fits(&camera.camera, recorded, "its settings", path)?;
+            }
             let control =
                 build::control_settings(&settings, &crate::rig::setup(&settings), &config)?;
             let backlash = control.backlash_rad;
@@ -207,12 +224,28 @@ fn servo_of(source: &ReplaySource, path: &Path) -> anyhow::Result<Servo> {
             if let Some(text) = contents.text(MACHINE) {
                 let machine = MachineCalibration::parse(text)
                     .map_err(|e| fault::usage(format!("{}: {MACHINE}: {e}", path.display())))?;
+                for (camera, recorded) in machine.cameras.iter().zip(&info.cameras) {
+                    fits(camera, recorded, MACHINE, path)?;
+                }
                 motors = motors.with_machine(machine, config.head.axes().map(|a| a.step_rad()));
             }
             Rigging::Motors(Box::new(motors))
         }
     };
     Servo::new(info, rigging, &of_servo).map_err(|e| fault::usage(e.to_string()).into())
+}
+
+/// Refuse a recording that says one size of its pictures on /lens and another one elsewhere.
+fn fits(camera: &Camera, recorded: &Camera, place: &str, path: &Path) -> Result<(), Fault> {
+    let size = |camera: &Camera| (camera.intrinsics.width, camera.intrinsics.height);
+    let ((w, h), (width, height)) = (size(camera), size(recorded));
+    match (w, h) == (width, height) {
+        true => Ok(()),
+        false => Err(fault::usage(format!(
+            "{}: the recording cannot be replayed: its cameras have {width}x{height} pixels, {place} say {w}x{h}",
+            path.display()
+        ))),
+    }
 }
 
 /// A recording of the replay's numbers.
@@ -231,7 +264,6 @@ fn recorder(path: &Path, source: &ReplaySource) -> anyhow::Result<Recorder> {
         cameras: info.cameras,
         fixed_base_from_cam: info.fixed_base_from_cam,
         fps: info.fps,
-        epoch_ns: 0,
         timing: false,
         truth: false,
     };
@@ -239,6 +271,37 @@ fn recorder(path: &Path, source: &ReplaySource) -> anyhow::Result<Recorder> {
         pictures: Pictures::None,
         ..RecordSettings::default()
     };
-    Recorder::here(description, settings, Box::new(storage))
-        .map_err(|e| fault::failed(e.to_string()).into())
+    Recorder::here(description, settings, Box::new(storage)).map_err(|e| {
+        // Best effort: what is told is why there is no recording.
+        let _ = std::fs::remove_file(path);
+        fault::failed(format!("cannot write {}: {e}", path.display())).into()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    //! Proves: what `--strict` calls equal. Replays of real recordings are in the program's own tests.
+    use super::*;
+
+    #[test]
+    fn strict() {
+        let answer = |estimates, equal, only_one| {
+            let comparison = Comparison {
+                pairs: 9,
+                estimates,
+                equal,
+                only_one,
+                ..Comparison::default()
+            };
+            comparison.strict().map_err(|e| e.to_string())
+        };
+        assert_eq!(answer(5, 5, 0), Ok(()));
+        assert!(answer(5, 4, 0).unwrap_err().contains("differs"));
+        assert!(answer(5, 5, 1).unwrap_err().contains("differs"));
+        assert!(
+            answer(0, 0, 0)
+                .unwrap_err()
+                .contains("nothing was compared")
+        );
+    }
 }

@@ -16,16 +16,11 @@ fn vergence(args: &[&str]) -> Output {
 
 fn recorded(out: &Path, pictures: &str) -> PathBuf {
     let pictures = format!("record.pictures={pictures}");
-    let mut args = vec!["run", "--fast", "--headless", "--seconds", "0.7s", "--out"];
+    // Long and large enough for the person to be found and measured.
+    let mut args = vec!["run", "--fast", "--headless", "--seconds", "0.8s", "--out"];
     args.push(out.to_str().unwrap());
-    args.extend([
-        "--set",
-        "camera.width=256",
-        "--set",
-        "camera.height=192",
-        "--set",
-    ]);
-    args.push(&pictures);
+    args.extend(running::SMALL);
+    args.extend(["--set", &pictures]);
     let output = vergence(&args);
     assert!(output.status.success(), "{output:?}");
     let folder = fs::read_dir(out).unwrap().next().unwrap().unwrap().path();
@@ -47,6 +42,7 @@ fn a_run_is_recorded_and_replayed() {
     assert!(replay.status.success(), "{replay:?}");
     let replay: serde_json::Value = serde_json::from_slice(&replay.stdout).unwrap();
     assert_eq!(replay["pairs"], pairs);
+    assert!(replay["estimates"].as_u64().unwrap() >= 5, "{replay}");
     assert_eq!(replay["equal"], replay["estimates"]);
     assert_eq!(replay["lossless"], true);
 
@@ -89,4 +85,106 @@ fn other_files_are_refused() {
     }
     let output = vergence(&["export", "no-such-file", "--out", path]);
     assert_eq!(output.status.code(), Some(2));
+}
+
+/// An export writes into no folder that it did not make, and removes none.
+#[test]
+fn an_export_leaves_other_folders_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("empty.mcap");
+    fs::write(&file, b"\x89MCAP0\r\n").unwrap();
+    let mine = folder.path().join("out.partial");
+    fs::create_dir(&mine).unwrap();
+    fs::write(mine.join("letter"), "mine").unwrap();
+    let out = folder.path().join("out");
+    let args = [
+        "export",
+        file.to_str().unwrap(),
+        "--out",
+        out.to_str().unwrap(),
+    ];
+    let output = vergence(&args);
+    assert_eq!(output.status.code(), Some(2), "{output:?}");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(said.contains("out.partial is there already"), "{said}");
+    assert!(!out.exists());
+    assert_eq!(fs::read_dir(&mine).unwrap().count(), 1);
+    assert_eq!(fs::read_to_string(mine.join("letter")).unwrap(), "mine");
+    fs::remove_dir_all(&mine).unwrap();
+    assert!(vergence(&args).status.success());
+    assert!(out.is_dir() && !mine.exists());
+}
+
+/// `vergence` where no file may grow beyond so many blocks of 512 bytes: a disk that is full, or fills up.
+#[cfg(target_os = "linux")]
+fn vergence_on_small_disk(blocks: &str, args: &[&str]) -> Output {
+    // The shell's signal for files that grow too large stays ignored in what it becomes: then the write fails.
+    let script = "trap '' XFSZ; ulimit -f \"$1\"; shift; exec \"$@\"";
+    std::process::Command::new("sh")
+        .args(["-c", script, "sh", blocks, env!("CARGO_BIN_EXE_vergence")])
+        .args(args)
+        .output()
+        .unwrap()
+}
+
+#[cfg(target_os = "linux")]
+const ON_SMALL_DISK: [&str; 12] = [
+    "run",
+    "--fast",
+    "--headless",
+    "--seconds",
+    "0.7s",
+    "--set",
+    "camera.width=256",
+    "--set",
+    "camera.height=192",
+    "--set",
+    "record.pictures=png",
+    "--out",
+];
+
+/// A disk that is full from the start is one sentence with its remedy, and leaves nothing; so is one that takes the run's table and no recording.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_disk_full_from_the_start() {
+    for (blocks, file) in [("0", "frames.csv"), ("4", "recording.mcap")] {
+        let out = tempfile::tempdir().unwrap();
+        let mut args = ON_SMALL_DISK.to_vec();
+        args.push(out.path().to_str().unwrap());
+        let output = vergence_on_small_disk(blocks, &args);
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(said.lines().count(), 2, "{said}");
+        assert!(
+            said.contains(file) && said.contains("hint: make room"),
+            "{said}"
+        );
+        assert_eq!(fs::read_dir(out.path()).unwrap().count(), 0);
+    }
+}
+
+/// A disk that fills up in mid-run ends no run: it is told once, the run goes to its end, and what is there stays and can be read.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_disk_that_fills_up() {
+    let out = tempfile::tempdir().unwrap();
+    let mut args = ON_SMALL_DISK.to_vec();
+    args.extend([out.path().to_str().unwrap(), "--format", "json"]);
+    let output = vergence_on_small_disk("400", &args);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary["frames"], 21, "{said}");
+    let told = said.matches("the recording has stopped").count();
+    assert_eq!(told, 1, "{said}");
+    assert!(summary["recording"]["failed"].is_string(), "{summary}");
+    let folder = fs::read_dir(out.path())
+        .unwrap()
+        .next()
+        .unwrap()
+        .unwrap()
+        .path();
+    assert!(folder.join("summary.json").is_file());
+    let info = vergence(&["info", folder.join("recording.mcap").to_str().unwrap()]);
+    let info = String::from_utf8_lossy(&info.stdout).into_owned();
+    assert!(info.contains("was not finished"), "{info}");
 }

@@ -44,7 +44,6 @@ fn main() -> Result<(), Box<dyn Error>> {
         cameras: info.cameras,
         fixed_base_from_cam: info.fixed_base_from_cam,
         fps: info.fps,
-        epoch_ns: 0,
         timing: false,
         truth: false,
     };
@@ -56,7 +55,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for n in 0..ROUNDS * pairs.len() {
         clock.sleep_until(start_s + n as f64 / 30.0);
         let before_s = clock.now_s();
-        recorder.pair(&pairs[n % pairs.len()], n as f64 / 30.0);
+        recorder.pair(&pairs[n % pairs.len()], n as f64 / 30.0, 0.0, Vec::new());
         recorder.happening(&rows::Happening::default());
         longest_s = longest_s.max(clock.now_s() - before_s);
     }

@@ -12,7 +12,7 @@ use vergence_imaging::Rgb;
 pub struct Limits {
     /// Most bytes of pictures that wait, uncompressed; at least one pair is taken.
     pub pictures_bytes: usize,
-    /// Most bytes of numbers that wait.
+    /// Most bytes of numbers that wait; those of at least one step are taken.
     pub numbers_bytes: usize,
 }
 
@@ -24,6 +24,15 @@ impl Default for Limits {
             numbers_bytes: 48 << 20,
         }
     }
+}
+
+/// How the storage behind the queue stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outlet {
+    /// It takes what comes, however slowly.
+    Open,
+    /// It failed, and all the room is needed for numbers.
+    Failed,
 }
 
 /// Thinning goes up to one pair in this many.
@@ -126,24 +135,26 @@ impl Queue {
         [self.pictures_bytes, self.numbers_bytes]
     }
 
-    /// Whether nothing waits.
-    pub fn is_empty(&self) -> bool {
-        self.waiting.is_empty()
-    }
-
     /// Whether the pictures of a pair of so many bytes fit now without thinning.
     pub fn has_room(&self, bytes: usize) -> bool {
-        self.pictures_bytes == 0 || self.pictures_bytes + bytes <= self.limits.pictures_bytes
+        self.pictures_bytes == 0
+            || self.pictures_bytes.saturating_add(bytes) <= self.limits.pictures_bytes
     }
 
-    /// Whether numbers of so many bytes fit.
-    pub fn has_room_for_numbers(&self, bytes: usize) -> bool {
-        self.numbers_bytes + bytes <= self.limits.numbers_bytes
+    /// Whether these messages fit.
+    pub fn has_room_for(&self, items: &[Item]) -> bool {
+        self.numbers_bytes == 0
+            || self.numbers_bytes.saturating_add(size_of_items(items)) <= self.limits.numbers_bytes
     }
 
     /// Decide about the pictures of the next pair (of so many bytes), and count it. When the queue is full fewer pairs are kept from then on, evenly;
-    /// when it has been nearly empty for a while, more again.
-    pub fn wants_pictures(&mut self, bytes: usize) -> bool {
+    /// when it has been nearly empty for a while, more again. A storage that failed gets no pictures, which says nothing of how fast it is.
+    pub fn wants_pictures(&mut self, bytes: usize, outlet: Outlet) -> bool {
+        if outlet == Outlet::Failed {
+            self.offered += 1;
+            self.counts.pictures_thinned += 1;
+            return false;
+        }
         let full = !self.has_room(bytes);
         if full {
             // Twice as thin at once, but not again before the pairs on the way have told what that does.
@@ -182,13 +193,12 @@ impl Queue {
 
     /// Put numbers in; what does not fit is lost and counted.
     pub fn push_numbers(&mut self, log_ns: u64, items: Vec<Item>) {
-        let bytes = size_of_items(&items);
-        if !self.has_room_for_numbers(bytes) {
+        if !self.has_room_for(&items) {
             self.counts.numbers_lost += items.len() as u64;
             return;
         }
         self.counts.numbers_kept += items.len() as u64;
-        self.numbers_bytes += bytes;
+        self.numbers_bytes += size_of_items(&items);
         self.waiting.push_back(Work::Numbers { log_ns, items });
     }
 
@@ -219,6 +229,18 @@ impl Queue {
         self.pictures_bytes = 0;
     }
 
+    /// Nothing more is written: what waits is lost, and counted as such.
+    pub fn give_up(&mut self) {
+        self.drop_pictures();
+        for work in std::mem::take(&mut self.waiting) {
+            if let Work::Numbers { items, .. } = work {
+                self.counts.numbers_kept -= items.len() as u64;
+                self.counts.numbers_lost += items.len() as u64;
+            }
+        }
+        self.numbers_bytes = 0;
+    }
+
     /// Buffers of pictures that were written, to be used again.
     pub fn give_back(&mut self, pair: PicturePair) {
         if self.spare.len() < 8 {
@@ -237,6 +259,7 @@ impl Queue {
     }
 }
 
+/// Bytes of the pictures of a pair.
 fn bytes_of(pictures: &[Rgb; 2]) -> usize {
     pictures.iter().map(|p| 3 * p.samples().len()).sum()
 }
@@ -247,4 +270,60 @@ fn size_of_items(items: &[Item]) -> usize {
         .iter()
         .map(|item| item.data.len() + size_of::<Item>())
         .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    //! Proves: sizes that no memory has do not overflow a bound; a storage that failed takes no pictures and does not thin those that come later; what is
+    //! given up is counted as lost.
+    use super::*;
+
+    fn item(bytes: usize) -> Item {
+        Item {
+            channel: 0,
+            publish_ns: 0,
+            data: vec![0; bytes],
+        }
+    }
+
+    #[test]
+    fn sizes_without_end() {
+        let mut queue = Queue::new(Limits::default());
+        let picture = Rgb::from_fn(4, 4, |_, _| [0; 3]);
+        queue.push_pictures(0, [&picture, &picture], [0; 2]);
+        assert!(!queue.wants_pictures(usize::MAX, Outlet::Open));
+        assert_eq!(queue.every(), 2);
+    }
+
+    #[test]
+    fn a_failed_storage_says_nothing_of_its_speed() {
+        let mut queue = Queue::new(Limits::default());
+        for _ in 0..500 {
+            assert!(!queue.wants_pictures(1000, Outlet::Failed));
+        }
+        assert_eq!((queue.every(), queue.counts().pictures_thinned), (1, 500));
+        assert!(queue.wants_pictures(1000, Outlet::Open));
+    }
+
+    #[test]
+    fn what_is_given_up_is_lost() {
+        let mut queue = Queue::new(Limits {
+            numbers_bytes: 1000,
+            ..Limits::default()
+        });
+        // The first is taken however large it is: otherwise nothing ever would be.
+        queue.push_numbers(0, vec![item(5000), item(0)]);
+        queue.push_numbers(0, vec![item(1)]);
+        assert_eq!(
+            (queue.counts().numbers_kept, queue.counts().numbers_lost),
+            (2, 1)
+        );
+        queue.give_up();
+        assert_eq!(
+            (queue.counts().numbers_kept, queue.counts().numbers_lost),
+            (0, 3)
+        );
+        assert_eq!(queue.bytes(), [0, 0]);
+        assert!(queue.pop().is_none());
+    }
 }

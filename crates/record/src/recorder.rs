@@ -13,9 +13,9 @@ use crate::channels::{Channels, Topic};
 use crate::error::RecordError;
 use crate::foxglove::{self, BASE, CAMERAS, Level};
 use crate::picture::Pictures;
-use crate::queue::{Counts, Item, Limits, Queue};
+use crate::queue::{Counts, Item, Limits, Outlet, Queue};
 use crate::rows;
-use crate::sink::{PictureChannels, Sink};
+use crate::sink::{PictureChannels, Sink, SinkStatus};
 use crate::steps::{self, ns_from_s};
 use crate::storage::Storage;
 use crate::table::Row as _;
@@ -26,6 +26,9 @@ const CALIBRATION_EVERY_S: f64 = 5.0;
 /// How long the thread waits for something to do, and how old an open chunk may grow when nothing comes.
 const IDLE: Duration = Duration::from_millis(100);
 const OPEN_S: f64 = 0.9;
+
+/// Why a recording goes no further when its thread panicked.
+const ENDED: &str = "the writing thread ended by itself";
 
 /// Shortest time between two rows of the recorder's own counts, s.
 const COUNTS_EVERY_S: f64 = 0.5;
@@ -43,8 +46,6 @@ pub struct Description {
     pub fixed_base_from_cam: Option<[Isometry3<f64>; 2]>,
     /// Nominal pictures a second.
     pub fps: f64,
-    /// What the run's clock shows 0 at, ns since 1970; 0 for a simulated clock.
-    pub epoch_ns: u64,
     /// Whether wall times are recorded, which are different in every run.
     pub timing: bool,
     /// Whether there is a truth.
@@ -98,6 +99,24 @@ pub struct RecordStatus {
     pub bytes: u64,
 }
 
+impl RecordStatus {
+    fn of(queue: &Queue, sink: &SinkStatus) -> Self {
+        let mut counts = queue.counts();
+        counts.numbers_kept -= sink.lost.numbers;
+        counts.numbers_lost += sink.lost.numbers;
+        counts.pictures_kept -= sink.lost.pictures;
+        counts.pictures_thinned += sink.lost.pictures;
+        Self {
+            counts,
+            every: queue.every(),
+            failure: sink.failure.clone(),
+            failures: sink.failures,
+            pictures_failed: sink.pictures_failed,
+            bytes: sink.bytes,
+        }
+    }
+}
+
 /// What a step has beside itself.
 #[derive(Clone, Debug, Default)]
 pub struct Beside {
@@ -107,6 +126,8 @@ pub struct Beside {
     pub parallax: Option<rows::Parallax>,
     /// The truth.
     pub truth: Option<rows::Truth>,
+    /// How much later than the pair's own times the loop took them, since the clock had gone back, s.
+    pub offset_s: f64,
 }
 
 /// A recording while it is made.
@@ -117,6 +138,8 @@ pub struct Recorder {
     target: Target,
     pairs: u64,
     calibrated_s: Option<f64>,
+    /// The newest recording time.
+    logged_s: f64,
     told: rows::Recorder,
 }
 
@@ -125,11 +148,14 @@ enum Target {
         queue: Box<Queue>,
         sink: Box<Sink<Box<dyn Storage>>>,
     },
-    Beside {
-        shared: Arc<Shared>,
-        when_full: WhenFull,
-        thread: JoinHandle<Result<u64, RecordError>>,
-    },
+    Beside(Writing),
+}
+
+/// The thread that encodes and writes. Dropped, it writes what waits and ends.
+struct Writing {
+    shared: Arc<Shared>,
+    when_full: WhenFull,
+    thread: Option<JoinHandle<(SinkStatus, Result<u64, RecordError>)>>,
 }
 
 struct Shared {
@@ -143,10 +169,7 @@ struct Shared {
 struct State {
     queue: Queue,
     closing: bool,
-    failure: Option<String>,
-    failures: u64,
-    pictures_failed: u64,
-    bytes: u64,
+    sink: SinkStatus,
 }
 
 impl Recorder {
@@ -176,10 +199,7 @@ impl Recorder {
             state: Mutex::new(State {
                 queue: Queue::new(settings.limits),
                 closing: false,
-                failure: None,
-                failures: 0,
-                pictures_failed: 0,
-                bytes: 0,
+                sink: SinkStatus::default(),
             }),
             more: Condvar::new(),
             less: Condvar::new(),
@@ -192,11 +212,11 @@ impl Recorder {
                 action: "starting",
                 source,
             })?;
-        let target = Target::Beside {
+        let target = Target::Beside(Writing {
             shared,
             when_full,
-            thread,
-        };
+            thread: Some(thread),
+        });
         Ok(Self::with(channels, description, settings, target))
     }
 
@@ -213,6 +233,7 @@ impl Recorder {
             target,
             pairs: 0,
             calibrated_s: None,
+            logged_s: f64::NEG_INFINITY,
             told: rows::Recorder {
                 every: 1,
                 ..rows::Recorder::default()
@@ -223,8 +244,9 @@ impl Recorder {
     /// Take a pair and what the loop made of it. Never waits for the disk unless it was told to.
     pub fn step(&mut self, pair: &StereoFrame, step: &Step, beside: Beside) {
         let log_s = step.command_s;
-        let capture_ns = self.ns(step.capture_s);
-        let kept = self.offer_pictures(pair, log_s);
+        let capture_ns = ns_from_s(step.capture_s);
+        let offset_s = beside.offset_s;
+        let kept = self.offer_pictures(pair, log_s, offset_s);
         let mut items = Vec::with_capacity(24);
         if self
             .calibrated_s
@@ -234,7 +256,7 @@ impl Recorder {
             self.calibration(&mut items, capture_ns);
         }
         let mut put = |topic: Topic, data: Vec<u8>| self.put(&mut items, topic, capture_ns, data);
-        put(Topic::Pair, steps::pair(pair, kept).encode());
+        put(Topic::Pair, steps::pair(pair, kept, offset_s).encode());
         put(Topic::Step, steps::step(step).encode());
         put(Topic::Transforms, steps::transforms(capture_ns, step));
         if let Some(estimate) = &step.estimate {
@@ -286,23 +308,31 @@ impl Recorder {
         self.push(log_s, items);
     }
 
-    /// Take a pair that the loop made nothing of (too late, dark, refused), at a time of the run.
-    pub fn pair(&mut self, pair: &StereoFrame, log_s: f64) {
-        let kept = self.offer_pictures(pair, log_s);
-        let ns = self.ns(pair.capture_s());
+    /// Take a pair that the loop made nothing of (too late, dark, torn), at a time of the run; its own times lie `offset_s` before that clock.
+    /// `readings` are those of the step counters since the last pair.
+    pub fn pair(
+        &mut self,
+        pair: &StereoFrame,
+        log_s: f64,
+        offset_s: f64,
+        readings: Vec<rows::Axis>,
+    ) {
+        let log_s = log_s.max(self.logged_s);
+        let kept = self.offer_pictures(pair, log_s, offset_s);
+        let row = steps::pair(pair, kept, offset_s);
+        let ns = ns_from_s((row.left_capture_s + row.right_capture_s) / 2.0);
         let mut items = Vec::new();
-        self.put(
-            &mut items,
-            Topic::Pair,
-            ns,
-            steps::pair(pair, kept).encode(),
-        );
+        self.put(&mut items, Topic::Pair, ns, row.encode());
+        for mut row in readings {
+            row.index = pair.index;
+            self.put(&mut items, Topic::Axis, ns, row.encode());
+        }
         self.push(log_s, items);
     }
 
-    /// Take something that happened, for the log and the events.
+    /// Take something that happened, for the log and the events. What happened earlier than the last message is recorded with that one's time.
     pub fn happening(&mut self, happening: &rows::Happening) {
-        let ns = self.ns(happening.time_s);
+        let ns = ns_from_s(happening.time_s);
         let level = match happening.level.as_str() {
             "error" => Level::Error,
             "warning" => Level::Warning,
@@ -312,12 +342,12 @@ impl Recorder {
         self.put(&mut items, Topic::Event, ns, happening.encode());
         let line = foxglove::log(ns, level, &happening.source, &happening.text);
         self.put(&mut items, Topic::Log, ns, line);
-        self.push(happening.time_s, items);
+        self.push(happening.time_s.max(self.logged_s), items);
     }
 
     /// Without a thread: encode and write what waits, as far as the storage takes it, at this time of the caller's clock (s, never decreasing).
     pub fn pump(&mut self, now_s: f64) {
-        let old_ns = self.ns(now_s - OPEN_S);
+        let old_ns = ns_from_s(now_s - OPEN_S);
         let Target::Here { queue, sink } = &mut self.target else {
             return;
         };
@@ -330,7 +360,7 @@ impl Recorder {
         }
         sink.close_older(old_ns);
         sink.drain(now_s);
-        if sink.failure().is_some() {
+        if sink.has_failed() {
             queue.drop_pictures();
         }
     }
@@ -338,24 +368,10 @@ impl Recorder {
     /// How the recording stands.
     pub fn status(&self) -> RecordStatus {
         match &self.target {
-            Target::Here { queue, sink } => RecordStatus {
-                counts: queue.counts(),
-                every: queue.every(),
-                failure: sink.failure().map(str::to_owned),
-                failures: sink.failures(),
-                pictures_failed: sink.pictures_failed(),
-                bytes: sink.bytes(),
-            },
-            Target::Beside { shared, .. } => {
-                let state = lock(&shared.state);
-                RecordStatus {
-                    counts: state.queue.counts(),
-                    every: state.queue.every(),
-                    failure: state.failure.clone(),
-                    failures: state.failures,
-                    pictures_failed: state.pictures_failed,
-                    bytes: state.bytes,
-                }
+            Target::Here { queue, sink } => RecordStatus::of(queue, sink.status()),
+            Target::Beside(beside) => {
+                let state = beside.state();
+                RecordStatus::of(&state.queue, &state.sink)
             }
         }
     }
@@ -364,7 +380,7 @@ impl Recorder {
     pub fn waiting_bytes(&self) -> [usize; 2] {
         match &self.target {
             Target::Here { queue, .. } => queue.bytes(),
-            Target::Beside { shared, .. } => lock(&shared.state).queue.bytes(),
+            Target::Beside(beside) => beside.state().queue.bytes(),
         }
     }
 
@@ -377,51 +393,20 @@ impl Recorder {
                 mut sink,
             } => {
                 // What the storage did not take in its last pump it is asked for once more, at once.
-                sink.drain(f64::INFINITY);
-                while sink.is_ready() {
+                while sink.ask_again(now_s) {
                     let Some(work) = queue.pop() else { break };
-                    sink.work(work, f64::INFINITY);
+                    sink.work(work, now_s);
                 }
-                let status = RecordStatus {
-                    counts: queue.counts(),
-                    every: queue.every(),
-                    failure: sink.failure().map(str::to_owned),
-                    failures: sink.failures(),
-                    pictures_failed: sink.pictures_failed(),
-                    bytes: sink.bytes(),
-                };
-                let result = sink.finish();
-                (status, result)
+                queue.give_up();
+                let (status, result) = sink.finish(now_s);
+                (RecordStatus::of(&queue, &status), result)
             }
-            Target::Beside { ref shared, .. } => {
-                lock(&shared.state).closing = true;
-                shared.more.notify_all();
-                let shared = Arc::clone(shared);
-                let Target::Beside { thread, .. } = self.target else {
-                    unreachable!("the target was matched above");
-                };
-                let result = thread.join().unwrap_or_else(|_| {
-                    Err(RecordError::Io {
-                        action: "finishing",
-                        source: std::io::Error::other("the writing thread ended by itself"),
-                    })
-                });
-                let state = lock(&shared.state);
-                let status = RecordStatus {
-                    counts: state.queue.counts(),
-                    every: state.queue.every(),
-                    failure: state.failure.clone(),
-                    failures: state.failures,
-                    pictures_failed: state.pictures_failed,
-                    bytes: state.bytes,
-                };
-                (status, result)
+            Target::Beside(mut beside) => {
+                let result = beside.end();
+                let state = beside.state();
+                (RecordStatus::of(&state.queue, &state.sink), result)
             }
         }
-    }
-
-    fn ns(&self, time_s: f64) -> u64 {
-        self.description.epoch_ns + ns_from_s(time_s)
     }
 
     fn put(&self, items: &mut Vec<Item>, topic: Topic, publish_ns: u64, data: Vec<u8>) {
@@ -452,7 +437,7 @@ impl Recorder {
     }
 
     /// Offer the pictures of a pair; whether they were taken.
-    fn offer_pictures(&mut self, pair: &StereoFrame, log_s: f64) -> bool {
+    fn offer_pictures(&mut self, pair: &StereoFrame, log_s: f64, offset_s: f64) -> bool {
         let index = self.pairs;
         self.pairs += 1;
         if self.settings.pictures == Pictures::None
@@ -462,34 +447,28 @@ impl Recorder {
         }
         let pictures = [&pair.left.picture, &pair.right.picture];
         let bytes: usize = pictures.iter().map(|p| 3 * p.samples().len()).sum();
-        let log_ns = self.ns(log_s);
-        let capture_ns = [pair.left.capture_s, pair.right.capture_s].map(|t| self.ns(t));
+        let log_ns = ns_from_s(log_s);
+        let capture_ns = [pair.left.capture_s, pair.right.capture_s]
+            .map(|time_s| ns_from_s(steps::later(time_s, offset_s)));
         let offer = |queue: &mut Queue, failed: bool| {
             // A disk that takes nothing needs all the room for numbers.
-            let wanted = queue.wants_pictures(if failed { usize::MAX } else { bytes });
+            let outlet = match failed {
+                true => Outlet::Failed,
+                false => Outlet::Open,
+            };
+            let wanted = queue.wants_pictures(bytes, outlet);
             if wanted {
                 queue.push_pictures(log_ns, pictures, capture_ns);
             }
             wanted
         };
         match &mut self.target {
-            Target::Here { queue, sink } => {
-                let failed = sink.failure().is_some();
-                offer(queue, failed)
-            }
-            Target::Beside {
-                shared, when_full, ..
-            } => {
-                let mut state = lock(&shared.state);
-                while *when_full == WhenFull::Wait
-                    && state.failure.is_none()
-                    && !state.queue.has_room(bytes)
-                {
-                    state = wait(&shared.less, state);
-                }
-                let failed = state.failure.is_some();
+            Target::Here { queue, sink } => offer(queue, sink.has_failed()),
+            Target::Beside(beside) => {
+                let mut state = beside.with_room(|queue| queue.has_room(bytes));
+                let failed = state.sink.failure.is_some();
                 let wanted = offer(&mut state.queue, failed);
-                shared.more.notify_one();
+                beside.shared.more.notify_one();
                 wanted
             }
         }
@@ -499,21 +478,14 @@ impl Recorder {
         if items.is_empty() {
             return;
         }
-        let log_ns = self.ns(log_s);
+        self.logged_s = self.logged_s.max(log_s);
+        let log_ns = ns_from_s(log_s);
         match &mut self.target {
             Target::Here { queue, .. } => queue.push_numbers(log_ns, items),
-            Target::Beside {
-                shared, when_full, ..
-            } => {
-                let mut state = lock(&shared.state);
-                while *when_full == WhenFull::Wait
-                    && state.failure.is_none()
-                    && !state.queue.has_room_for_numbers(64 << 10)
-                {
-                    state = wait(&shared.less, state);
-                }
+            Target::Beside(beside) => {
+                let mut state = beside.with_room(|queue| queue.has_room_for(&items));
                 state.queue.push_numbers(log_ns, items);
-                shared.more.notify_one();
+                beside.shared.more.notify_one();
             }
         }
     }
@@ -535,9 +507,74 @@ impl Recorder {
         if row == told || log_s - self.told.time_s < COUNTS_EVERY_S {
             return;
         }
-        let ns = self.ns(log_s);
+        let ns = ns_from_s(log_s);
         self.put(items, Topic::Recorder, ns, row.encode());
         self.told = row;
+    }
+}
+
+impl Writing {
+    /// The state, which says so when the thread has ended by itself.
+    fn state(&self) -> MutexGuard<'_, State> {
+        let mut state = lock(&self.shared.state);
+        let ended = self.thread.as_ref().is_some_and(JoinHandle::is_finished);
+        if ended && !state.closing && state.sink.failure.is_none() {
+            state.sink.failure = Some(ENDED.to_owned());
+            state.sink.failures += 1;
+        }
+        state
+    }
+
+    /// The state as soon as there is room, when somebody waits for that, or when nothing makes room any more.
+    fn with_room(&self, has_room: impl Fn(&Queue) -> bool) -> MutexGuard<'_, State> {
+        loop {
+            let state = self.state();
+            let waits = self.when_full == WhenFull::Wait
+                && state.sink.failure.is_none()
+                && !has_room(&state.queue);
+            if !waits {
+                return state;
+            }
+            drop(wait(&self.shared.less, state));
+        }
+    }
+
+    /// Let the thread write what waits and end the file.
+    fn end(&mut self) -> Result<u64, RecordError> {
+        let ended = || {
+            Err(RecordError::Io {
+                action: "finishing",
+                source: std::io::Error::other(ENDED),
+            })
+        };
+        let Some(thread) = self.thread.take() else {
+            return ended();
+        };
+        lock(&self.shared.state).closing = true;
+        self.shared.more.notify_all();
+        let joined = thread.join();
+        let mut state = lock(&self.shared.state);
+        // Of a thread that ended well nothing is left here.
+        state.queue.give_up();
+        match joined {
+            Ok((status, result)) => {
+                state.sink = status;
+                result
+            }
+            Err(_) => {
+                state.sink.failure = Some(ENDED.to_owned());
+                ended()
+            }
+        }
+    }
+}
+
+impl Drop for Writing {
+    fn drop(&mut self) {
+        if self.thread.is_some() {
+            // Nobody is left to be told.
+            let _ = self.end();
+        }
     }
 }
 
@@ -546,14 +583,16 @@ fn write_beside(
     mut sink: Sink<Box<dyn Storage>>,
     shared: &Shared,
     when_full: WhenFull,
-) -> Result<u64, RecordError> {
+) -> (SinkStatus, Result<u64, RecordError>) {
     let clock = RealClock::new();
     let mut opened_s = 0.0;
     loop {
         sink.drain(clock.now_s());
         let mut state = lock(&shared.state);
-        tell(&mut state, &sink);
-        if sink.failure().is_some() {
+        if state.sink != *sink.status() {
+            state.sink.clone_from(sink.status());
+        }
+        if sink.has_failed() {
             state.queue.drop_pictures();
         }
         shared.less.notify_all();
@@ -569,7 +608,13 @@ fn write_beside(
                 }
                 opened_s = clock.now_s();
             }
-            None if state.closing => break,
+            None if state.closing => {
+                drop(state);
+                // Either nothing waits any more, or the storage is asked a last time for what does.
+                if sink.is_ready() || !sink.ask_again(clock.now_s()) {
+                    break;
+                }
+            }
             None => {
                 drop(wait(&shared.more, state));
                 // Nothing comes any more: what there is shall not wait for it. A run that nobody waits for must not depend on this clock.
@@ -582,21 +627,7 @@ fn write_beside(
             }
         }
     }
-    let result = sink.finish();
-    let mut state = lock(&shared.state);
-    if let Ok(bytes) = result {
-        state.bytes = bytes;
-    }
-    result
-}
-
-fn tell(state: &mut State, sink: &Sink<Box<dyn Storage>>) {
-    if state.failure.as_deref() != sink.failure() {
-        state.failure = sink.failure().map(str::to_owned);
-    }
-    state.failures = sink.failures();
-    state.pictures_failed = sink.pictures_failed();
-    state.bytes = sink.bytes();
+    sink.finish(clock.now_s())
 }
 
 fn begin(
@@ -630,6 +661,14 @@ fn begin(
     let (schemas, list) = (channels.schemas.clone(), channels.channels.clone());
     let mut sink = Sink::new(storage, library, schemas, list, to);
     sink.begin(&description.facts, &description.attachments);
+    // A disk that takes nothing is told before anything depends on it.
+    sink.drain(0.0);
+    if let Some(reason) = &sink.status().failure {
+        return Err(RecordError::Io {
+            action: "beginning",
+            source: std::io::Error::other(reason.clone()),
+        });
+    }
     Ok((channels, sink))
 }
 

@@ -16,6 +16,10 @@ const MOST_PROBLEMS: usize = 100;
 const MOST_ATTACHMENTS: usize = 100;
 const ATTACHMENT_BYTES: usize = 64 << 20;
 
+/// Most named facts, and most bytes of them together.
+const MOST_FACTS: usize = 1000;
+const FACT_BYTES: usize = 4 << 20;
+
 /// A time without a message of a channel that is longer than so many of its usual ones is a gap.
 const GAP_FACTOR: f64 = 1.9;
 
@@ -77,6 +81,7 @@ pub struct Recording<R> {
     schemas: BTreeMap<u16, String>,
     topics: BTreeMap<u16, Option<Topic>>,
     attached: usize,
+    facts: usize,
 }
 
 impl<R: Read> Recording<R> {
@@ -88,6 +93,7 @@ impl<R: Read> Recording<R> {
             schemas: BTreeMap::new(),
             topics: BTreeMap::new(),
             attached: 0,
+            facts: 0,
         })
     }
 
@@ -140,7 +146,14 @@ impl<R: Read> Recording<R> {
                 self.topics.insert(id, ours);
                 contents.channels.insert(id, (topic, schema));
             }
-            Event::Metadata { name, facts } if name == "vergence" => contents.facts.extend(facts),
+            Event::Metadata { name, facts } if name == "vergence" => {
+                for (key, value) in facts {
+                    self.facts += key.len() + value.len();
+                    if contents.facts.len() < MOST_FACTS && self.facts <= FACT_BYTES {
+                        contents.facts.insert(key, value);
+                    }
+                }
+            }
             Event::Attachment { name, data } => {
                 let fits = contents.attachments.len() < MOST_ATTACHMENTS
                     && self.attached + data.len() <= ATTACHMENT_BYTES;
@@ -313,7 +326,8 @@ impl Pairs {
     fn take(&mut self, pair: &rows::Pair) {
         let capture_s = (pair.left_capture_s + pair.right_capture_s) / 2.0;
         if let Some((index, then_s)) = self.last {
-            self.missing += pair.index.saturating_sub(index).saturating_sub(1);
+            let missing = pair.index.saturating_sub(index).saturating_sub(1);
+            self.missing = self.missing.saturating_add(missing);
             let between_s = capture_s - then_s;
             if self.period_s().is_some_and(|p| between_s > GAP_FACTOR * p) {
                 self.gaps += 1;

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Isometry3, Quaternion, Translation3, Unit};
 use vergence_capture::{CaptureError, Frame, Source, SourceInfo, StereoFrame};
 use vergence_control::{AxisLimits, BoxedDrive};
+use vergence_geometry::Camera;
 use vergence_imaging::Rgb;
 
 use crate::channels::Topic;
@@ -40,7 +41,6 @@ pub struct ReplaySource {
     recorded: Recorded,
     lossless: bool,
     without_pictures: u64,
-    pairs: u64,
 }
 
 /// What the recording says of one pair.
@@ -64,8 +64,19 @@ struct Moment {
     recorded: Recorded,
 }
 
+impl Moment {
+    /// Whether this message begins the next pair: of two that were taken while the clock stood, each has its own messages.
+    fn is_before(&self, message: &Message) -> bool {
+        self.pair.is_some()
+            && matches!(
+                message.topic,
+                Some(Topic::LeftImage | Topic::RightImage | Topic::Pair)
+            )
+    }
+}
+
 impl ReplaySource {
-    /// Open a recording; refused when it holds no cameras or no pictures.
+    /// Open a recording; refused when it holds no pictures, or no cameras that can be believed.
     pub fn open(path: &Path) -> Result<Self, RecordError> {
         let (lenses, lossless) = scan(path)?;
         let [Some(left), Some(right)] = lenses else {
@@ -79,19 +90,7 @@ impl ReplaySource {
                     .to_owned(),
             ));
         };
-        let of = |row: &rows::Lens| {
-            let large = row.width_px > LARGEST_SIDE || row.height_px > LARGEST_SIDE;
-            if large || row.width_px * row.height_px > LARGEST_AREA {
-                return Err(RecordError::Replay(format!(
-                    "its cameras have {}x{} pixels; at most {LARGEST_AREA} are read",
-                    row.width_px, row.height_px
-                )));
-            }
-            camera(row).ok_or_else(|| {
-                RecordError::Replay(format!("there is no lens model '{}'", row.model))
-            })
-        };
-        let cameras = [of(&left)?, of(&right)?];
+        let cameras = [believable(&left)?, believable(&right)?];
         let fixed = (left.fixed && right.fixed).then(|| [pose(&left), pose(&right)]);
         let mut source = Self {
             path: path.to_owned(),
@@ -108,7 +107,6 @@ impl ReplaySource {
             recorded: Recorded::default(),
             lossless,
             without_pictures: 0,
-            pairs: 0,
         };
         source.ahead = source.recording.next_message()?;
         Ok(source)
@@ -139,7 +137,7 @@ impl ReplaySource {
         &self.recorded
     }
 
-    /// All messages of the next recording time; `None` at the end.
+    /// All messages of the next pair, which bear one recording time; `None` at the end.
     fn moment(&mut self) -> Result<Option<Moment>, RecordError> {
         let Some(first) = self.ahead.take() else {
             return Ok(None);
@@ -150,7 +148,10 @@ impl ReplaySource {
         let mut count = 0;
         while let Some(message) = next.take() {
             count += 1;
-            if message.log_ns != log_ns || count > MOST_MESSAGES_OF_A_MOMENT {
+            if message.log_ns != log_ns
+                || count > MOST_MESSAGES_OF_A_MOMENT
+                || moment.is_before(&message)
+            {
                 self.ahead = Some(message);
                 break;
             }
@@ -193,10 +194,8 @@ impl ReplaySource {
                 let k = &self.info.cameras[eye].intrinsics;
                 decode(file, (k.width, k.height))
             };
-            let pictures = [picture(0, left)?, picture(1, right)?];
-            let [left, right] = pictures;
+            let [left, right] = [picture(0, left)?, picture(1, right)?];
             self.recorded = moment.recorded;
-            self.pairs += 1;
             return Ok(Some(StereoFrame {
                 index: pair.index,
                 left: Frame {
@@ -236,6 +235,39 @@ impl Source for ReplaySource {
     fn dropped_pairs(&self) -> u64 {
         self.without_pictures
     }
+}
+
+/// The camera of a row, when it is one: what is computed with it must be numbers.
+fn believable(row: &rows::Lens) -> Result<Camera, RecordError> {
+    let refuse = |why: String| Err(RecordError::Replay(why));
+    let (width, height) = (row.width_px, row.height_px);
+    let sides = 1..=LARGEST_SIDE;
+    if !(sides.contains(&width) && sides.contains(&height) && width * height <= LARGEST_AREA) {
+        return refuse(format!(
+            "its cameras have {width}x{height} pixels; 1x1 up to {LARGEST_AREA} pixels are read"
+        ));
+    }
+    let Some(camera) = camera(row) else {
+        let model: String = row.model.chars().take(40).collect();
+        return refuse(format!("there is no lens model {model:?}"));
+    };
+    let k = &camera.intrinsics;
+    let focal = [k.fx, k.fy].iter().all(|f| f.is_finite() && *f > 0.0);
+    let finite = [k.cx, k.cy, row.x_m, row.y_m, row.z_m]
+        .iter()
+        .chain(&camera.distortion.coefficients())
+        .all(|number| number.is_finite());
+    let turn = row.qx.hypot(row.qy).hypot(row.qz).hypot(row.qw);
+    if !(focal && finite && (turn - 1.0).abs() < 1e-6) {
+        return refuse(format!(
+            "its camera {} has numbers on /lens that no camera has",
+            row.eye
+        ));
+    }
+    if !(row.fps.is_finite() && row.fps > 0.0) {
+        return refuse(format!("it says that it has {} pairs a second", row.fps));
+    }
+    Ok(camera)
 }
 
 /// The cameras, and whether pictures are lossless (`None` without pictures): the file is read until both are known.

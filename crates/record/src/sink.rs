@@ -35,6 +35,37 @@ pub struct PictureChannels {
     pub pictures: Pictures,
 }
 
+/// How a recording on its way to its storage stands.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct SinkStatus {
+    /// Why the storage takes nothing now; `None` while it does.
+    pub failure: Option<String>,
+    /// How often the storage began to fail.
+    pub failures: u64,
+    /// Pictures that could not be encoded.
+    pub pictures_failed: u64,
+    /// Bytes that the storage took.
+    pub bytes: u64,
+    /// What was taken from the queue and is not in the file, known at its end.
+    pub lost: Taken,
+}
+
+/// What was taken from the queue.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Taken {
+    /// Messages.
+    pub numbers: u64,
+    /// Pairs of pictures.
+    pub pictures: u64,
+}
+
+impl Taken {
+    fn add(&mut self, other: Taken) {
+        self.numbers += other.numbers;
+        self.pictures += other.pictures;
+    }
+}
+
 /// A recording while it is written.
 pub struct Sink<S> {
     storage: S,
@@ -48,10 +79,10 @@ pub struct Sink<S> {
     next_try_s: f64,
     synced_s: f64,
     unsynced: bool,
-    failure: Option<String>,
-    failures: u64,
-    pictures_failed: u64,
-    bytes: u64,
+    status: SinkStatus,
+    /// What lies in the open chunk, and in chunks that the storage has not taken yet.
+    open: Taken,
+    closed: Taken,
 }
 
 impl<S: Storage> Sink<S> {
@@ -74,31 +105,20 @@ impl<S: Storage> Sink<S> {
             next_try_s: f64::NEG_INFINITY,
             synced_s: f64::NEG_INFINITY,
             unsynced: false,
-            failure: None,
-            failures: 0,
-            pictures_failed: 0,
-            bytes: 0,
+            status: SinkStatus::default(),
+            open: Taken::default(),
+            closed: Taken::default(),
         }
     }
 
-    /// Why the storage takes nothing now; `None` while it does.
-    pub fn failure(&self) -> Option<&str> {
-        self.failure.as_deref()
+    /// How it stands.
+    pub fn status(&self) -> &SinkStatus {
+        &self.status
     }
 
-    /// How often the storage began to fail.
-    pub fn failures(&self) -> u64 {
-        self.failures
-    }
-
-    /// Pictures that could not be encoded.
-    pub fn pictures_failed(&self) -> u64 {
-        self.pictures_failed
-    }
-
-    /// Bytes that the storage took.
-    pub fn bytes(&self) -> u64 {
-        self.bytes
+    /// Whether the storage takes nothing now.
+    pub fn has_failed(&self) -> bool {
+        self.status.failure.is_some()
     }
 
     /// Whether more work can be begun: everything handed out so far was taken.
@@ -132,6 +152,7 @@ impl<S: Storage> Sink<S> {
         }
         let pair = match work {
             Work::Numbers { items, .. } => {
+                self.open.numbers += items.len() as u64;
                 for item in items {
                     self.writer
                         .message(item.channel, log_ns, item.publish_ns, &item.data);
@@ -139,6 +160,7 @@ impl<S: Storage> Sink<S> {
                 None
             }
             Work::Pictures { pair, .. } => {
+                self.open.pictures += 1;
                 self.pictures(&pair, log_ns);
                 Some(pair)
             }
@@ -166,7 +188,7 @@ impl<S: Storage> Sink<S> {
                     self.writer
                         .message(to.channels[eye], log_ns, capture_ns, &data);
                 }
-                Err(_) => self.pictures_failed += 1,
+                Err(_) => self.status.pictures_failed += 1,
             }
         }
     }
@@ -185,6 +207,7 @@ impl<S: Storage> Sink<S> {
     /// Hand out what lies in the open chunk.
     pub fn close_chunk(&mut self) {
         let chunk = self.writer.take_chunk();
+        self.closed.add(std::mem::take(&mut self.open));
         self.hand_out(chunk);
     }
 
@@ -199,7 +222,7 @@ impl<S: Storage> Sink<S> {
 
     /// Give the storage what it has not taken yet; one that failed is asked again after half a second.
     pub fn drain(&mut self, now_s: f64) {
-        if self.failure.is_some() && now_s < self.next_try_s {
+        if self.has_failed() && now_s < self.next_try_s {
             return;
         }
         while !self.is_ready() {
@@ -207,8 +230,8 @@ impl<S: Storage> Sink<S> {
                 Ok(0) => break,
                 Ok(count) => {
                     self.taken += count.min(self.out.len() - self.taken);
-                    self.bytes += count as u64;
-                    self.failure = None;
+                    self.status.bytes += count as u64;
+                    self.status.failure = None;
                     self.unsynced = true;
                 }
                 Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
@@ -221,6 +244,7 @@ impl<S: Storage> Sink<S> {
         }
         if self.is_ready() {
             self.whole = self.writer.length();
+            self.closed = Taken::default();
             self.sync(now_s, SYNC_S);
         }
     }
@@ -237,55 +261,59 @@ impl<S: Storage> Sink<S> {
     }
 
     fn failed(&mut self, e: &io::Error, now_s: f64) {
-        if self.failure.is_none() {
-            self.failures += 1;
+        if !self.has_failed() {
+            self.status.failures += 1;
         }
-        self.failure = Some(e.to_string());
+        self.status.failure = Some(e.to_string());
         self.next_try_s = now_s + RETRY_S;
     }
 
-    /// End the file: the open chunk, the summary. When the storage takes no more, what is there is cut to the last whole chunk, and the error
-    /// says why.
-    pub fn finish(mut self) -> Result<u64, RecordError> {
-        // A storage that failed is asked a last time at once; one that takes nothing "now" is asked no more than a bounded number of times.
+    /// Ask the storage once more, however short ago it failed; whether it has taken everything.
+    pub fn ask_again(&mut self, now_s: f64) -> bool {
         self.next_try_s = f64::NEG_INFINITY;
-        if self.is_ready() {
-            self.close_chunk();
-        }
-        self.drain(f64::INFINITY);
-        if !self.is_ready() {
-            let reason = self
-                .failure
-                .unwrap_or_else(|| "it takes nothing".to_owned());
+        self.drain(now_s);
+        self.is_ready()
+    }
+
+    /// End the file: the open chunk, the summary. When the storage takes no more, what is there is cut to the last whole chunk, and the error
+    /// says why. How it stood at the end, and the length of the file.
+    pub fn finish(mut self, now_s: f64) -> (SinkStatus, Result<u64, RecordError>) {
+        let result = self.end(now_s).map_err(|source| {
             // Best effort: what is left after the last whole chunk is no chunk, and a reader passes over it as well.
             let _ = self.storage.cut(self.whole);
-            return Err(RecordError::Io {
+            self.status.lost = self.closed;
+            self.status.lost.add(self.open);
+            RecordError::Io {
                 action: "finishing",
-                source: io::Error::other(reason),
-            });
+                source,
+            }
+        });
+        (self.status, result)
+    }
+
+    fn end(&mut self, now_s: f64) -> io::Result<u64> {
+        // A storage that failed is asked a last time at once; one that takes nothing "now" is asked no more than a bounded number of times.
+        if self.ask_again(now_s) {
+            self.close_chunk();
+        }
+        if !self.ask_again(now_s) {
+            let reason = self.status.failure.clone();
+            return Err(io::Error::other(
+                reason.unwrap_or_else(|| "it takes nothing".to_owned()),
+            ));
         }
         let end = self.writer.finish();
         let mut taken = 0;
         while taken < end.len() {
             match self.storage.append(&end[taken..]) {
-                Ok(count) if count > 0 => taken += count,
+                Ok(0) => return Err(io::Error::other("it takes nothing")),
+                Ok(count) => taken += count,
                 Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
-                other => {
-                    let _ = self.storage.cut(self.whole);
-                    return Err(RecordError::Io {
-                        action: "finishing",
-                        source: other
-                            .err()
-                            .unwrap_or_else(|| io::Error::other("it takes nothing")),
-                    });
-                }
+                Err(e) => return Err(e),
             }
         }
-        let failed = |source| RecordError::Io {
-            action: "finishing",
-            source,
-        };
-        self.storage.sync().map_err(failed)?;
-        Ok(self.bytes + end.len() as u64)
+        self.storage.sync()?;
+        self.status.bytes += end.len() as u64;
+        Ok(self.status.bytes)
     }
 }

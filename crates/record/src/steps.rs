@@ -23,13 +23,22 @@ fn word<T: serde::Serialize>(value: &T) -> String {
     }
 }
 
-pub(crate) fn pair(pair: &StereoFrame, kept: bool) -> rows::Pair {
+/// A time that many seconds later, every bit of it as it was when that is none.
+pub(crate) fn later(time_s: f64, offset_s: f64) -> f64 {
+    match offset_s == 0.0 {
+        true => time_s,
+        false => time_s + offset_s,
+    }
+}
+
+/// The times of a pair on a clock that is `offset_s` later than its own.
+pub(crate) fn pair(pair: &StereoFrame, kept: bool, offset_s: f64) -> rows::Pair {
     rows::Pair {
         index: pair.index,
-        left_capture_s: pair.left.capture_s,
-        right_capture_s: pair.right.capture_s,
-        left_arrival_s: pair.left.arrival_s,
-        right_arrival_s: pair.right.arrival_s,
+        left_capture_s: later(pair.left.capture_s, offset_s),
+        right_capture_s: later(pair.right.capture_s, offset_s),
+        left_arrival_s: later(pair.left.arrival_s, offset_s),
+        right_arrival_s: later(pair.right.arrival_s, offset_s),
         kept,
     }
 }

@@ -10,7 +10,7 @@ use vergence_control::{
 
 use crate::rows;
 
-/// Most readings kept between two steps; a step asks for sixteen.
+/// Most readings kept between two pairs, the newest; a step asks for sixteen.
 const MOST_READINGS: usize = 1024;
 
 /// Readings that the loop was given since they were last taken.
@@ -49,9 +49,14 @@ impl Tape {
                 && r.asked_s.to_bits() == row.asked_s.to_bits()
                 && r.time_s.to_bits() == row.time_s.to_bits()
         };
-        if readings.len() < MOST_READINGS && !readings.iter().any(same) {
-            readings.push_back(row);
+        if readings.iter().any(same) {
+            return;
         }
+        // While no pair comes the axes are read as well; the next step needs the newest.
+        if readings.len() == MOST_READINGS {
+            readings.pop_front();
+        }
+        readings.push_back(row);
     }
 }
 
@@ -247,5 +252,29 @@ impl Drive for ReplayDrive {
 
     fn take_events(&mut self) -> Vec<DriveEvent> {
         Vec::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    //! Proves: between two pairs a tape keeps a bounded number of readings, the newest, and each question once.
+    use super::*;
+
+    #[test]
+    fn the_newest_readings_stay() {
+        let tape = Tape::new();
+        let count = MOST_READINGS as u64 + 10;
+        for n in 0..count {
+            for _ in 0..2 {
+                tape.keep(rows::Axis {
+                    asked_s: n as f64,
+                    ..rows::Axis::default()
+                });
+            }
+        }
+        let kept = tape.take();
+        assert_eq!(kept.len(), MOST_READINGS);
+        assert!(kept[0].asked_s == 10.0 && kept.last().unwrap().asked_s == (count - 1) as f64);
+        assert!(tape.take().is_empty());
     }
 }

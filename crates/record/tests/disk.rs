@@ -9,7 +9,7 @@ mod runs;
 use proptest::prelude::*;
 use runs::{Disk, Mood, description, pair, png, step};
 use vergence_record::recording::Info;
-use vergence_record::{Beside, Limits, RecordSettings, RecordStatus, Recorder};
+use vergence_record::{Beside, Limits, RecordSettings, RecordStatus, Recorder, Storage, WhenFull};
 
 const SIZE: (usize, usize) = (64, 48);
 
@@ -100,18 +100,107 @@ fn a_disk_that_stays_full_keeps_what_it_has() {
     );
 }
 
-/// Full from the start: no file to speak of, no panic, and the run would go on.
+/// A disk that is full from the start is told before anything depends on it.
 #[test]
 fn full_from_the_start() {
     let disk = Disk::new();
     disk.set(Mood::Full);
-    let mut recorder = Recorder::here(description(SIZE), png(), Box::new(disk.clone())).unwrap();
-    let pair = pair(0, SIZE);
-    recorder.step(&pair, &step(&pair), Beside::default());
-    recorder.pump(0.0);
-    assert!(recorder.status().failure.is_some());
-    assert!(recorder.finish(1.0).1.is_err());
+    let storage = || Box::new(disk.clone());
+    let here = Recorder::here(description(SIZE), png(), storage());
+    let beside = Recorder::beside(description(SIZE), png(), storage(), WhenFull::Thin);
+    for refused in [here.err(), beside.err()] {
+        let text = refused.unwrap().to_string();
+        assert!(text.contains("beginning the recording failed"), "{text}");
+    }
     assert!(disk.bytes().is_empty());
+}
+
+/// What waits when the end comes is not lost because the disk took nothing a moment before: it is asked again. What it does not take then is counted.
+#[test]
+fn an_end_asks_again() {
+    for (last, lost) in [(Mood::Good, false), (Mood::Busy, true), (Mood::Full, true)] {
+        let disk = Disk::new();
+        let mut recorder =
+            Recorder::here(description(SIZE), png(), Box::new(disk.clone())).unwrap();
+        disk.set(Mood::Full);
+        for index in 0..40 {
+            let pair = pair(index, SIZE);
+            let step = step(&pair);
+            recorder.step(&pair, &step, Beside::default());
+            recorder.pump(step.command_s);
+        }
+        disk.set(last);
+        // Less than the half second after which a disk that failed is asked again by itself.
+        let (status, result) = recorder.finish(40.0 / runs::FPS);
+        assert_eq!(result.is_err(), lost, "{last:?}");
+        assert_eq!(status.counts.numbers_lost > 0, lost, "{last:?}");
+        let info = Info::read(&disk.bytes()[..]).unwrap();
+        let numbers: u64 = (info.channels.iter())
+            .filter(|c| !c.topic.ends_with("/image"))
+            .map(|c| c.messages)
+            .sum();
+        assert_eq!(numbers, status.counts.numbers_kept, "{last:?}");
+        assert_eq!(info.pairs, if lost { 0 } else { 40 });
+    }
+}
+
+/// A disk whose writing ends the thread.
+struct Trap(u32);
+
+impl Storage for Trap {
+    fn append(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        assert!(self.0 > 0, "the trap");
+        self.0 -= 1;
+        Ok(bytes.len())
+    }
+
+    fn sync(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+
+    fn cut(&mut self, _length: u64) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+/// A thread that panicked makes room for nobody: who waits for it goes on, and is told.
+#[test]
+fn nobody_waits_for_a_thread_that_ended() {
+    let settings = RecordSettings {
+        limits: Limits {
+            pictures_bytes: 1,
+            numbers_bytes: 1,
+        },
+        ..png()
+    };
+    // The head of the file is one write.
+    let storage = Box::new(Trap(1));
+    let mut recorder =
+        Recorder::beside(description(SIZE), settings, storage, WhenFull::Wait).unwrap();
+    for index in 0..100 {
+        let pair = pair(index, SIZE);
+        recorder.step(&pair, &step(&pair), Beside::default());
+    }
+    assert!(recorder.status().failure.is_some());
+    let (status, result) = recorder.finish(10.0);
+    assert!(result.unwrap_err().to_string().contains("ended by itself"));
+    assert!(status.counts.numbers_lost > 400, "{status:?}");
+}
+
+/// A recorder that nobody finishes (an error on the way, a panic) writes what waits and ends the file.
+#[test]
+fn a_dropped_recorder_writes_what_waits() {
+    let disk = Disk::new();
+    let storage = Box::new(disk.clone());
+    let mut recorder = Recorder::beside(description(SIZE), png(), storage, WhenFull::Thin).unwrap();
+    for index in 0..9 {
+        let pair = pair(index, SIZE);
+        recorder.step(&pair, &step(&pair), Beside::default());
+    }
+    drop(recorder);
+    let info = Info::read(&disk.bytes()[..]).unwrap();
+    assert!(info.contents.finished && info.contents.problems.is_empty());
+    assert_eq!(info.pairs, 9);
 }
 
 /// Even numbers have a bound: it is kept, and what is lost is counted.
@@ -154,17 +243,18 @@ proptest! {
             recorder.pump(index as f64 / runs::FPS);
         }
         let (status, result) = recorder.finish(10.0);
-        prop_assert_eq!(status.counts.numbers_lost, 0);
-        if let Ok(info) = Info::read(&disk.bytes()[..]) {
-            prop_assert!(info.unreadable == 0);
-            if result.is_ok() {
-                prop_assert!(info.contents.finished && info.contents.problems.is_empty());
-                prop_assert_eq!(info.pairs, 120);
-            } else {
-                prop_assert!(info.contents.problems.len() <= 1);
-            }
-        } else {
-            prop_assert!(result.is_err());
+        prop_assert_eq!(status.counts.numbers_lost == 0, result.is_ok());
+        let info = Info::read(&disk.bytes()[..]).unwrap();
+        prop_assert_eq!(info.unreadable, 0);
+        let numbers: u64 = (info.channels.iter())
+            .filter(|c| !c.topic.ends_with("/image"))
+            .map(|c| c.messages)
+            .sum();
+        prop_assert_eq!(numbers, status.counts.numbers_kept);
+        prop_assert_eq!(info.contents.finished, result.is_ok());
+        prop_assert_eq!(info.contents.problems.len(), usize::from(result.is_err()));
+        if result.is_ok() {
+            prop_assert_eq!(info.pairs, 120);
         }
     }
 }

@@ -8,9 +8,10 @@ mod runs;
 
 use proptest::prelude::*;
 use runs::{Disk, description, pair, png, step};
+use vergence_capture::Source as _;
 use vergence_record::mcap::{Event, Reader};
-use vergence_record::recording::Info;
-use vergence_record::{Beside, RecordError, Recorder, ReplaySource};
+use vergence_record::recording::{Info, Recording};
+use vergence_record::{Beside, Description, RecordError, Recorder, ReplaySource};
 
 const SIZE: (usize, usize) = (32, 24);
 
@@ -39,25 +40,26 @@ fn chunks(bytes: &[u8]) -> Vec<u64> {
     ends
 }
 
-/// Cut at any byte, a file gives every chunk that is whole, and says that it was cut.
+/// Cut at any byte, a file gives every chunk that is whole and nothing else, and says that it was cut.
 #[test]
 fn cut_anywhere() {
     let bytes = recorded(40);
-    let whole = Info::read(&bytes[..]).unwrap();
-    let ends = chunks(&bytes);
-    assert!(ends.len() >= 3);
+    let messages = |bytes: &[u8]| {
+        let info = Info::read(bytes).unwrap();
+        let count: u64 = info.channels.iter().map(|c| c.messages).sum();
+        (info, count)
+    };
+    // Messages up to the end of each chunk, by reading the file up to there.
+    let ends: Vec<_> = (chunks(&bytes).into_iter())
+        .map(|end| (end, messages(&bytes[..end as usize]).1))
+        .collect();
+    assert!(ends.len() >= 3 && ends.windows(2).all(|w| w[0].1 < w[1].1));
     for cut in (8..bytes.len()).step_by(997) {
-        let info = Info::read(&bytes[..cut]).unwrap();
+        let (info, found) = messages(&bytes[..cut]);
         assert!(!info.contents.finished);
         assert_eq!(info.contents.problems.len(), 1, "cut at {cut}");
-        let read = ends.iter().filter(|end| **end <= cut as u64).count();
-        let share = info.pairs as f64 / whole.pairs as f64;
-        let wanted = read as f64 / ends.len() as f64;
-        assert!(
-            (share - wanted).abs() < 0.5,
-            "{share} of the pairs at {wanted} of the chunks"
-        );
-        assert!(info.pairs > 0 || read == 0);
+        let whole = ends.iter().rev().find(|(end, _)| *end <= cut as u64);
+        assert_eq!(found, whole.map_or(0, |(_, count)| *count), "cut at {cut}");
     }
 }
 
@@ -112,11 +114,110 @@ fn compressed_chunks_are_told() {
     let mut chunk = vec![0u8; 28];
     chunk.extend(3u32.to_le_bytes());
     chunk.extend(b"lz4");
-    chunk.extend(u64::MAX.to_le_bytes());
+    chunk.extend(4u64.to_le_bytes());
+    chunk.extend([1, 2, 3, 4]);
     bytes.extend((chunk.len() as u64).to_le_bytes());
     bytes.extend(chunk);
     let info = Info::read(&bytes[..]).unwrap();
-    assert!(!info.contents.problems.is_empty());
+    let text = info.contents.problems[0].to_string();
+    assert!(
+        text.contains("compressed (lz4)") && text.contains("mcap compress"),
+        "{text}"
+    );
+}
+
+/// Names of thousands of channels and facts without end are not kept.
+#[test]
+fn what_is_kept_is_bounded() {
+    let mut writer = Vec::new();
+    let text = |out: &mut Vec<u8>, length: usize| {
+        out.extend((length as u32).to_le_bytes());
+        out.extend(vec![b'x'; length]);
+    };
+    let record = |out: &mut Vec<u8>, opcode: u8, content: &[u8]| {
+        out.push(opcode);
+        out.extend((content.len() as u64).to_le_bytes());
+        out.extend(content);
+    };
+    writer.extend(b"\x89MCAP0\r\n");
+    // Two channels: a name that is too long, and one that is not.
+    for length in [100_000, 10] {
+        let mut channel = (length as u16).to_le_bytes().to_vec();
+        channel.extend([0; 2]);
+        text(&mut channel, length);
+        text(&mut channel, 8);
+        record(&mut writer, 4, &channel);
+    }
+    // A hundred metadata records of ours, each with a fact of 100 kB under another name.
+    for index in 0..100u8 {
+        let mut map = vec![1, 0, 0, 0, b' ' + index];
+        text(&mut map, 100_000);
+        let mut metadata = b"\x08\0\0\0vergence".to_vec();
+        metadata.extend((map.len() as u32).to_le_bytes());
+        metadata.extend(map);
+        record(&mut writer, 12, &metadata);
+    }
+    let info = Info::read(&writer[..]).unwrap();
+    assert_eq!(info.channels.len(), 1);
+    assert!(
+        info.contents.problems[0]
+            .to_string()
+            .contains("at most 1000")
+    );
+    let kept: usize = info.contents.facts.values().map(String::len).sum();
+    assert!((1_000_000..5_000_000).contains(&kept), "{kept}");
+}
+
+/// Numbers of pairs that jump to and fro do not overflow what is missing.
+#[test]
+fn numbers_of_pairs_that_jump() {
+    let disk = Disk::new();
+    let mut recorder = Recorder::here(description(SIZE), png(), Box::new(disk.clone())).unwrap();
+    for (place, index) in [0, u64::MAX, 0, u64::MAX, 0].into_iter().enumerate() {
+        let mut pair = pair(place as u64, SIZE);
+        pair.index = index;
+        recorder.step(&pair, &step(&pair), Beside::default());
+    }
+    recorder.finish(1.0).1.unwrap();
+    let info = Info::read(&disk.bytes()[..]).unwrap();
+    assert_eq!((info.pairs, info.pairs_missing), (5, u64::MAX));
+}
+
+/// A recording as a file that a replay opens.
+fn opened(bytes: &[u8]) -> Result<ReplaySource, RecordError> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("r.mcap");
+    std::fs::write(&path, bytes).unwrap();
+    ReplaySource::open(&path)
+}
+
+/// Cameras that no computation can use are refused before it begins.
+#[test]
+fn cameras_that_are_none() {
+    let mut bad = Vec::new();
+    for change in [
+        |d: &mut Description| d.fps = f64::NAN,
+        |d: &mut Description| d.cameras[0].intrinsics.fx = 0.0,
+        |d: &mut Description| d.cameras[1].intrinsics.cy = f64::INFINITY,
+        |d: &mut Description| d.cameras[1].intrinsics.width = 0,
+        |d: &mut Description| d.cameras[1].intrinsics.height = 1 << 40,
+    ] {
+        let mut description = description(SIZE);
+        change(&mut description);
+        bad.push(description);
+    }
+    for (wrong, description) in [(false, description(SIZE))]
+        .into_iter()
+        .chain(bad.into_iter().map(|d| (true, d)))
+    {
+        let disk = Disk::new();
+        let mut recorder = Recorder::here(description, png(), Box::new(disk.clone())).unwrap();
+        let pair = pair(0, SIZE);
+        recorder.step(&pair, &step(&pair), Beside::default());
+        recorder.finish(1.0).1.unwrap();
+        let answer = opened(&disk.bytes());
+        assert_eq!(answer.is_err(), wrong, "{:?}", answer.err());
+    }
 }
 
 /// A recording whose pictures are larger than its cameras say is refused before they are decoded.
@@ -132,7 +233,7 @@ fn pictures_of_another_size() {
     let path = folder.path().join("r.mcap");
     std::fs::write(&path, disk.bytes()).unwrap();
     let mut source = ReplaySource::open(&path).unwrap();
-    let error = vergence_capture::Source::next_pair(&mut source, None).unwrap_err();
+    let error = source.next_pair(None).unwrap_err();
     assert!(error.to_string().contains("32x24"), "{error}");
 }
 
@@ -168,7 +269,57 @@ proptest! {
         }
         let info = Info::read(&bytes[..]).unwrap();
         prop_assert!(info.pairs <= 4);
+        // A replay refuses in a sentence or goes to its end.
+        if let Ok(mut source) = opened(&bytes) {
+            for _ in 0..6 {
+                match source.next_pair(None) {
+                    Ok(Some(_)) => {}
+                    Ok(None) | Err(_) => break,
+                }
+            }
+        }
     }
+
+    /// Lengths of a real file replaced by any other: nothing is taken that the file does not have.
+    #[test]
+    fn any_lengths(changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u64>(), 0u32..64), 1..8)) {
+        let mut bytes = small().clone();
+        drop_sums(&mut bytes);
+        let lengths = lengths(&bytes);
+        for (which, length, shift) in changes {
+            let at = lengths[which.index(lengths.len())];
+            bytes[at..at + 8].copy_from_slice(&(length >> shift).to_le_bytes());
+        }
+        let mut recording = Recording::new(&bytes[..]).unwrap();
+        let mut given = 0;
+        while let Some(message) = recording.next_message().unwrap() {
+            given += message.data.len();
+            prop_assert!(message.data.capacity() <= 2 * bytes.len());
+        }
+        let attached: usize = recording.contents().attachments.iter().map(|(_, d)| d.len()).sum();
+        prop_assert!(given + attached <= bytes.len());
+    }
+}
+
+/// Where the lengths of a file's records stand, those within chunks too.
+fn lengths(bytes: &[u8]) -> Vec<usize> {
+    fn walk(bytes: &[u8], from: usize, to: usize, found: &mut Vec<usize>) {
+        let mut at = from;
+        while at + 9 <= to {
+            found.push(at + 1);
+            let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+            if bytes[at] == 6 {
+                // Its size, its compression (none) and the length of its records come first.
+                found.extend([at + 9 + 16, at + 9 + 32]);
+                walk(bytes, at + 9 + 40, at + 9 + length, found);
+            }
+            at += 9 + length;
+        }
+    }
+    let mut found = Vec::new();
+    walk(bytes, 8, bytes.len() - 8, &mut found);
+    assert!(found.len() > 50);
+    found
 }
 
 fn small() -> &'static Vec<u8> {

@@ -95,6 +95,47 @@ fn the_thread_changes_nothing() {
     assert!(disk.bytes() == recorded(), "bytes differ");
 }
 
+/// Pairs that the loop took, and refused, while its clock stood or had gone back: a replay keeps them apart, with the times by which the loop took
+/// them, and knows which of them were stepped.
+#[test]
+fn pairs_of_one_moment() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("recording.mcap");
+    let disk = Disk::new();
+    let mut recorder = Recorder::here(description(SIZE), png(), Box::new(disk.clone())).unwrap();
+    let offset_s = 1.0 / 3.0;
+    for index in 0..6 {
+        let pair = pair(index, SIZE);
+        if index % 3 == 2 {
+            recorder.pair(&pair, 0.5, offset_s, readings(&pair));
+            continue;
+        }
+        let mut step = step(&pair);
+        step.command_s = 0.5;
+        let beside = Beside {
+            offset_s,
+            ..Beside::default()
+        };
+        recorder.step(&pair, &step, beside);
+    }
+    recorder.finish(1.0).1.unwrap();
+    std::fs::write(&path, disk.bytes()).unwrap();
+    let info = Info::read(&disk.bytes()[..]).unwrap();
+    let axes = info.channels.iter().find(|c| c.topic == "/axis").unwrap();
+    assert_eq!((info.pairs, axes.messages), (6, 8));
+    let mut source = ReplaySource::open(&path).unwrap();
+    for index in 0..6 {
+        let found = source.next_pair(None).unwrap().unwrap();
+        let wanted = pair(index, SIZE);
+        assert!(found.index == index && found.left.picture == wanted.left.picture);
+        let late_s = wanted.left.capture_s + offset_s;
+        assert_eq!(found.left.capture_s.to_bits(), late_s.to_bits());
+        let step = source.recorded().step.as_ref();
+        assert_eq!(step.map(|s| s.index), (index % 3 != 2).then_some(index));
+    }
+    assert!(source.next_pair(None).unwrap().is_none());
+}
+
 /// A replay gives every picture, time and reading again.
 #[test]
 fn a_replay_is_the_run() {

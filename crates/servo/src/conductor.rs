@@ -198,6 +198,11 @@ impl Conductor {
         self.supervisor.memory_mut().take_changes()
     }
 
+    /// Changes of state that nobody took in time, so far.
+    pub fn forgotten_changes(&self) -> u64 {
+        self.supervisor.memory().forgotten()
+    }
+
     /// What the drive said since the last call, at most 256 events.
     pub fn take_events(&mut self) -> Vec<DriveEvent> {
         std::mem::take(&mut self.events)

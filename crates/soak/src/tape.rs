@@ -115,7 +115,6 @@ impl Tape {
             cameras: [eyes::camera(); 2],
             fixed_base_from_cam: None,
             fps: eyes::FPS,
-            epoch_ns: 0,
             timing: false,
             truth: false,
         };

@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 
 use vergence_record::Topic;
 use vergence_record::parquet::ParquetWriter;
-use vergence_record::recording::Message;
 use vergence_record::table::Cell;
 
 use crate::fault::{self, Fault};
@@ -39,12 +38,7 @@ impl Numbers {
     }
 
     /// Add a row to the table of its channel.
-    pub(super) fn take(
-        &mut self,
-        topic: Topic,
-        _message: &Message,
-        cells: Vec<Option<Cell>>,
-    ) -> Result<(), Fault> {
+    pub(super) fn take(&mut self, topic: Topic, cells: Vec<Option<Cell>>) -> Result<(), Fault> {
         let Some((_, columns)) = topic.row() else {
             return Ok(());
         };

@@ -17,6 +17,7 @@ use vergence_track::{FollowSettings, PixelBox, Posture, TrackError, check_box};
 
 use crate::fault::{self, Fault};
 use crate::motors::{MotorsSpec, axis_word, state_word};
+use crate::output;
 use crate::settings::Settings;
 use crate::settings::quantity::Dimension;
 
@@ -141,11 +142,11 @@ fn twin(
         // The cameras stand where the controller says: there is nothing to calibrate.
         Some(_) => (None, "true".to_owned()),
     };
+    let (machine, machine_text) = machine.unzip();
     check_target(target, &camera)?;
-    let mut control = control_settings(settings, setup, &config)?;
+    let control = control_settings(settings, setup, &config)?;
     let mut source = TwinSource::new(config).map_err(|e| fault::usage(e.to_string()))?;
     if let Some(live) = live {
-        control.backlash_rad = [0.0; 4];
         let motors = live.drive.clone();
         // A controller that homes or is silent says nothing: its cameras are pictured where it last said that they were.
         let last = Mutex::new(HeadAngles::default());
@@ -165,7 +166,7 @@ fn twin(
         .map_err(|e| fault::usage(e.to_string()))?;
     let drive = match record {
         Some(record) => {
-            record.machine = machine.as_ref().and_then(|_| machine_text(args));
+            record.machine = machine_text;
             record.tape.beside(drive)
         }
         None => drive,
@@ -237,7 +238,7 @@ fn live_motors(args: &RunArgs, settings: &Settings) -> anyhow::Result<Option<Liv
 /// What `vergence calibrate --twin` made of the twin as it is by default; the loop believes this, not the truth.
 const CALIBRATED_TWIN: &str = include_str!("../../data/twin_machine.toml");
 
-/// The settings of the controller of such a rig.
+/// The settings of the controller of such a rig, in a run as in its replay.
 pub(crate) fn control_settings(
     settings: &Settings,
     setup: &Setup,
@@ -245,7 +246,11 @@ pub(crate) fn control_settings(
 ) -> anyhow::Result<ControlSettings> {
     Ok(ControlSettings {
         focal_px: config.cameras[0].camera.intrinsics.fx,
-        backlash_rad: config.head.backlash_rad(),
+        // The play of real motors is not known: they are believed to have none.
+        backlash_rad: match MotorsSpec::from_text(settings.word("motors.controller"))? {
+            MotorsSpec::Simulated => config.head.backlash_rad(),
+            MotorsSpec::Grbl(_) | MotorsSpec::LinuxCnc(_) => [0.0; 4],
+        },
         mode: mode_settings(settings, setup)?,
         // Half a frame, as its documentation asks for.
         lead_s: (0.5 / config.fps).min(0.5),
@@ -253,26 +258,22 @@ pub(crate) fn control_settings(
     })
 }
 
-/// The file that [`believed`] took the machine from: what a recording keeps of it.
-fn machine_text(args: &RunArgs) -> Option<String> {
-    match &args.calibration {
-        Some(path) => std::fs::read_to_string(path).ok(),
-        None => Some(CALIBRATED_TWIN.to_owned()),
-    }
-}
+/// A machine's calibration, and the file that it was read from: what a recording keeps of it.
+type Believed = (MachineCalibration, String);
+
+/// Largest calibration of a machine that is read, bytes.
+const LARGEST_MACHINE: u64 = 1 << 20;
 
 /// What the loop believes of the twin: the machine's calibration (`None` for the settings themselves, which are the truth), and what a summary
 /// calls it. A twin with other cameras, dimensions or axes than the calibrated one is believed to be as it is set.
-fn believed(
-    args: &RunArgs,
-    config: &TwinConfig,
-) -> anyhow::Result<(Option<MachineCalibration>, String)> {
-    let told = |e: vergence_calib::CalibError| fault::usage(e.to_string());
+fn believed(args: &RunArgs, config: &TwinConfig) -> anyhow::Result<(Option<Believed>, String)> {
     if let Some(path) = &args.calibration {
         if path.as_os_str() == "true" {
             return Ok((None, "true".to_owned()));
         }
-        let machine = MachineCalibration::read(path).map_err(told)?;
+        let text = output::read_text(path, "calibration", LARGEST_MACHINE)?;
+        let machine = MachineCalibration::parse(&text)
+            .map_err(|e| fault::usage(format!("{e}: {}", path.display())))?;
         let size = |camera: &Camera| (camera.intrinsics.width, camera.intrinsics.height);
         let (wanted, given) = (size(&config.cameras[0].camera), size(&machine.cameras[0]));
         if wanted != given {
@@ -287,13 +288,15 @@ fn believed(
             .hint("calibrate this twin: vergence calibrate --twin with the same settings")
             .into());
         }
-        return Ok((Some(machine), last_parts(path, 1)));
+        return Ok((Some((machine, text)), last_parts(path, 1)));
     }
     let usual = TwinConfig::default();
     let same_cameras = (0..2).all(|i| config.cameras[i].camera == usual.cameras[i].camera);
     if same_cameras && config.geometry == usual.geometry && config.head == usual.head {
-        let machine = MachineCalibration::parse(CALIBRATED_TWIN).map_err(told)?;
-        return Ok((Some(machine), "calibrated".to_owned()));
+        let machine =
+            MachineCalibration::parse(CALIBRATED_TWIN).map_err(|e| fault::failed(e.to_string()))?;
+        let text = CALIBRATED_TWIN.to_owned();
+        return Ok((Some((machine, text)), "calibrated".to_owned()));
     }
     Ok((None, "true".to_owned()))
 }
@@ -583,6 +586,22 @@ mod tests {
         ] {
             assert!(box_from_text(bad).is_err(), "{bad}");
         }
+    }
+
+    /// A run on real motors and its replay believe in the same play, which is none; with simulated axes it is that of the settings.
+    #[test]
+    fn play_of_real_motors_is_none() {
+        let play = |controller: &str| {
+            let text = format!("[motors]\ncontroller = \"{controller}\"\n");
+            let settings = Settings::from_recording(Path::new("r.mcap"), &text).unwrap();
+            let config = crate::twin::config(&settings).unwrap();
+            let control = control_settings(&settings, &crate::rig::setup(&settings), &config);
+            (control.unwrap().backlash_rad, config.head.backlash_rad())
+        };
+        let (simulated, of_head) = play("simulated");
+        assert!(simulated == of_head && simulated.iter().all(|play| *play > 0.0));
+        assert_eq!(play("linuxcnc:127.0.0.1:5007").0, [0.0; 4]);
+        assert_eq!(play("grbl:/dev/ttyUSB0").0, [0.0; 4]);
     }
 
     /// A summary names files, not the folders of a machine nor the secrets of an address; names that are equal get their folder.

@@ -1,4 +1,4 @@
-//! The folder of a run: under a provisional name while it is written, under its own when it is whole.
+//! The folder of a run: under a provisional name while it is written, under its own when it is whole. A disk that fills up meanwhile ends no run.
 
 use std::fs::{self, File};
 use std::io::{BufWriter, Write as _};
@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use crate::fault;
+use crate::output;
 
 use super::record::{HEADER, Row};
 
@@ -21,6 +22,9 @@ pub(crate) struct RunFolder {
     whole: PathBuf,
     rows: BufWriter<File>,
     count: u64,
+    /// Rows that the disk did not take, and why the first time.
+    lost: u64,
+    failed: Option<String>,
     /// Leave the folder as it is when this is dropped.
     kept: bool,
 }
@@ -61,17 +65,24 @@ impl RunFolder {
 
     fn begin(partial: PathBuf, whole: PathBuf) -> anyhow::Result<Self> {
         let path = partial.join("frames.csv");
-        let file = File::create(&path)
-            .map_err(|e| fault::failed(format!("cannot write {}: {e}", path.display())))?;
-        let mut folder = Self {
+        let cannot = |e: std::io::Error| {
+            // Best effort: what is told is why there is no folder.
+            let _ = fs::remove_dir_all(&partial);
+            fault::failed(format!("cannot write {}: {e}", path.display()))
+                .hint("make room on the disk, or name another folder with --out")
+        };
+        let mut file = File::create(&path).map_err(cannot)?;
+        // A disk that is full now is told now.
+        writeln!(file, "{HEADER}").map_err(cannot)?;
+        Ok(Self {
             partial,
             whole,
             rows: BufWriter::new(file),
             count: 0,
+            lost: 0,
+            failed: None,
             kept: false,
-        };
-        folder.line(HEADER)?;
-        Ok(folder)
+        })
     }
 
     /// Where files are written until the run is whole.
@@ -84,39 +95,59 @@ impl RunFolder {
         self.kept = true;
     }
 
-    /// Append one row to frames.csv.
-    pub(crate) fn row(&mut self, row: &Row) -> anyhow::Result<()> {
-        self.line(&row.to_csv())?;
+    /// Append one row to frames.csv. A row that the disk does not take is lost as a whole; the first time it is told, and the run goes on.
+    pub(crate) fn row(&mut self, row: &Row) {
+        // In one piece: the buffer takes it whole or not at all.
+        let line = row.to_csv() + "\n";
+        let mut written = self.rows.write_all(line.as_bytes());
+        self.lost += u64::from(written.is_err());
         self.count += 1;
-        if self.count.is_multiple_of(FLUSH_EVERY) {
-            self.rows.flush().map_err(|e| self.complain(&e))?;
+        if written.is_ok() && self.count.is_multiple_of(FLUSH_EVERY) {
+            written = self.rows.flush();
         }
-        Ok(())
+        if let (Err(error), None) = (written, &self.failed) {
+            let text = format!("cannot write {}: {error}", self.table().display());
+            output::say(&format!("{text}; the run goes on"));
+            self.failed = Some(text);
+        }
     }
 
-    fn line(&mut self, line: &str) -> anyhow::Result<()> {
-        writeln!(self.rows, "{line}").map_err(|e| self.complain(&e))?;
-        Ok(())
+    fn table(&self) -> PathBuf {
+        self.partial.join("frames.csv")
     }
 
-    fn complain(&self, e: &std::io::Error) -> fault::Fault {
-        fault::failed(format!(
-            "cannot write {}: {e}",
-            self.partial.join("frames.csv").display()
-        ))
+    /// Give the folder its name when everything in it is whole; `others` says whether all other files are. Returns its path, and what is wrong with it
+    /// when it keeps its provisional name; an error when nothing is kept.
+    pub(crate) fn finish(
+        mut self,
+        others: anyhow::Result<()>,
+    ) -> anyhow::Result<(PathBuf, Option<anyhow::Error>)> {
+        match others.and_then(|()| self.end()) {
+            Ok(()) => {
+                self.kept = true;
+                Ok((self.whole.clone(), None))
+            }
+            Err(error) if self.kept => Ok((self.partial.clone(), Some(error))),
+            Err(error) => Err(error),
+        }
     }
 
-    /// Give the folder its name; returns it.
-    pub(crate) fn finish(mut self) -> anyhow::Result<PathBuf> {
-        self.rows.flush().map_err(|e| self.complain(&e))?;
+    fn end(&mut self) -> anyhow::Result<()> {
+        if let Err(error) = self.rows.flush() {
+            let text = format!("cannot write {}: {error}", self.table().display());
+            return Err(fault::failed(text).into());
+        }
+        if self.lost > 0 {
+            let why = self.failed.as_deref().unwrap_or_default();
+            return Err(fault::failed(format!("{why}; {} rows are missing", self.lost)).into());
+        }
         fs::rename(&self.partial, &self.whole).map_err(|e| {
             fault::failed(format!(
                 "cannot name the run's folder {}: {e}",
                 self.whole.display()
             ))
-        })?;
-        self.kept = true;
-        Ok(self.whole.clone())
+            .into()
+        })
     }
 }
 
@@ -184,18 +215,53 @@ mod tests {
         let mut names = Vec::new();
         for _ in 0..2 {
             let mut folder = RunFolder::create(out.path()).unwrap();
-            folder.row(&Row::default()).unwrap();
-            names.push(folder.finish().unwrap());
+            folder.row(&Row::default());
+            let (name, failed) = folder.finish(Ok(())).unwrap();
+            assert!(failed.is_none());
+            names.push(name);
         }
         assert_ne!(names[0], names[1]);
         let text = fs::read_to_string(names[1].join("frames.csv")).unwrap();
         assert_eq!(text.lines().count(), 2);
         let mut kept = RunFolder::create(out.path()).unwrap();
-        kept.row(&Row::default()).unwrap();
+        kept.row(&Row::default());
         kept.keep();
         let partial = kept.path().to_owned();
         drop(kept);
         let text = fs::read_to_string(partial.join("frames.csv")).unwrap();
         assert_eq!(text.lines().count(), 2);
+    }
+    /// A disk that fills up in mid-run: every row is offered and none makes an error; what is kept stays under its provisional name and says what it
+    /// lacks, what can be had again goes. Rows that came before are whole.
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_full_disk_ends_no_run() {
+        for kept in [true, false] {
+            let out = tempfile::tempdir().unwrap();
+            let mut folder = RunFolder::create(out.path()).unwrap();
+            for _ in 0..FLUSH_EVERY {
+                folder.row(&Row::default());
+            }
+            let full = File::options().write(true).open("/dev/full").unwrap();
+            let _written = std::mem::replace(&mut folder.rows, BufWriter::new(full));
+            for _ in 0..1000 {
+                folder.row(&Row::default());
+            }
+            assert!(folder.lost > 500, "{}", folder.lost);
+            if kept {
+                folder.keep();
+            }
+            let partial = folder.path().to_owned();
+            let finished = folder.finish(Ok(()));
+            assert_eq!(finished.is_ok(), kept);
+            assert_eq!(partial.exists(), kept);
+            if let Ok((path, failed)) = finished {
+                assert_eq!(path, partial);
+                let text = failed.unwrap().to_string();
+                assert!(text.contains("frames.csv"), "{text}");
+                let rows = fs::read_to_string(path.join("frames.csv")).unwrap();
+                assert_eq!(rows.lines().count() as u64, 1 + FLUSH_EVERY);
+            }
+        }
     }
 }

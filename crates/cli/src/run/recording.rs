@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use serde::Serialize;
-use vergence_capture::StereoFrame;
-use vergence_control::RigState;
+use vergence_capture::{SourceEvent, SourceEventKind, StereoFrame};
 use vergence_control::supervisor::Decision;
+use vergence_control::{DriveEvent, DriveEventKind, RigState};
 use vergence_record::rows::{Happening, Parallax, Truth};
 use vergence_record::{
     Beside, Description, FileStorage, Limits, Pictures, RecordSettings, RecordStatus, Recorder,
@@ -113,7 +113,7 @@ impl Recording {
         let path = folder.join(NAME);
         let cannot = |why: String| {
             fault::failed(format!("cannot record to {}: {why}", path.display()))
-                .hint("--no-record runs without a recording")
+                .hint("make room on the disk, name another folder with --out, or run without a recording: --no-record")
         };
         let storage = FileStorage::create(&path).map_err(|e| cannot(e.to_string()))?;
         let when_full = match about.real_time {
@@ -131,34 +131,95 @@ impl Recording {
         })
     }
 
-    /// Take a pair, the step that was made of it, and the row of the report.
-    pub(crate) fn take(&mut self, pair: &StereoFrame, step: &Step, row: &Row) {
+    /// Take a pair, the step that was made of it, and the row of the report; the loop took the pair's times `offset_s` later.
+    pub(crate) fn take(&mut self, pair: &StereoFrame, step: &Step, row: &Row, offset_s: f64) {
         self.last_s = step.command_s;
         let beside = Beside {
             readings: self.tape.take(),
             parallax: Some(parallax(row)),
             truth: truth(row),
+            offset_s,
         };
         self.recorder.step(pair, step, beside);
         self.tell();
     }
 
+    /// Take a pair that the loop did not use, at this time of the conductor's clock.
+    pub(crate) fn refused(&mut self, pair: &StereoFrame, now_s: f64, offset_s: f64) {
+        self.last_s = self.last_s.max(now_s);
+        let readings = self.tape.take();
+        self.recorder.pair(pair, now_s, offset_s, readings);
+        self.tell();
+    }
+
     /// Take a decision of the supervisor.
     pub(crate) fn decided(&mut self, decision: &Decision) {
-        let level = match decision.change {
-            Some((_, RigState::Fault)) => "error",
-            Some((_, RigState::Holding)) => "warning",
-            _ => "info",
+        let (level, kind) = match decision.change {
+            Some((_, to @ RigState::Fault)) => ("error", to.name()),
+            Some((_, to @ RigState::Holding)) => ("warning", to.name()),
+            Some((_, to)) => ("info", to.name()),
+            None => ("info", "decision"),
         };
+        self.happened("supervisor", decision.time_s, level, kind, &decision.text);
+    }
+
+    /// Take everything that the supervisor remembers of the time before a fault, oldest first.
+    pub(crate) fn remembered<'a>(&mut self, decisions: impl Iterator<Item = &'a Decision>) {
+        for decision in decisions {
+            let text = match decision.change {
+                Some((from, to)) => {
+                    format!("{} -> {}: {}", from.name(), to.name(), decision.text)
+                }
+                None => decision.text.clone(),
+            };
+            self.happened("supervisor", decision.time_s, "info", "remembered", &text);
+        }
+    }
+
+    /// Take what a controller did of itself.
+    pub(crate) fn drive_event(&mut self, event: &DriveEvent) {
+        let (level, kind) = match event.kind {
+            DriveEventKind::Note => ("info", "note"),
+            DriveEventKind::Refused => ("warning", "refused"),
+            DriveEventKind::Alarm => ("error", "alarm"),
+            DriveEventKind::Lost => ("warning", "lost"),
+            DriveEventKind::Back => ("info", "back"),
+            DriveEventKind::Homed => ("info", "homed"),
+        };
+        self.happened("drive", event.time_s, level, kind, &event.text);
+    }
+
+    /// Take what happened to a camera.
+    pub(crate) fn camera_event(&mut self, event: &SourceEvent) {
+        use SourceEventKind as Of;
+        let (level, kind) = match event.kind {
+            Of::Gone => ("warning", "gone"),
+            Of::Back => ("info", "back"),
+            Of::Frozen => ("warning", "frozen"),
+            Of::Thawed => ("info", "thawed"),
+            Of::Dark => ("warning", "dark"),
+            Of::Light => ("info", "light"),
+            Of::ClockJumped => ("warning", "clock-jumped"),
+            Of::Offset => ("info", "offset"),
+            Of::Rate => ("warning", "rate"),
+            Of::Control => ("warning", "control"),
+        };
+        self.happened("camera", event.time_s, level, kind, &event.text);
+    }
+
+    /// Take changes of state that came faster than they were taken.
+    pub(crate) fn forgotten(&mut self, count: u64, now_s: f64) {
+        let text = format!("{count} changes of state are not told: they came too fast");
+        self.happened("supervisor", now_s, "warning", "forgotten", &text);
+    }
+
+    fn happened(&mut self, source: &str, time_s: f64, level: &str, kind: &str, text: &str) {
         self.recorder.happening(&Happening {
-            time_s: decision.time_s,
+            time_s,
             level: level.to_owned(),
-            source: "supervisor".to_owned(),
-            kind: decision
-                .change
-                .map_or("decision", |(_, to)| to.name())
-                .to_owned(),
-            text: decision.text.clone(),
+            source: source.to_owned(),
+            kind: kind.to_owned(),
+            text: text.to_owned(),
         });
     }
 
@@ -237,7 +298,6 @@ fn description(plan: &RecordPlan, about: &About<'_>, feed: &Feed, servo: &Servo)
         cameras: *servo.cameras(),
         fixed_base_from_cam: info.fixed_base_from_cam,
         fps: info.fps,
-        epoch_ns: 0,
         timing: about.real_time,
         truth: plan.kind == "twin",
     }

@@ -5,7 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use vergence_capture::{Clock as _, Next, RealClock, StereoFrame};
-use vergence_control::{LiveDrive, RigState, SupervisorSettings};
+use vergence_control::supervisor::Decision;
+use vergence_control::{DriveEvent, LiveDrive, RigState, SupervisorSettings};
 use vergence_servo::{Conductor, HealthNote, Servo, Stage, Step, Stopwatch};
 
 use super::feed::Feed;
@@ -106,7 +107,9 @@ pub(crate) fn run(
     let live = plan.live.as_ref();
     log.facts.rest = feed.bring_to_rest(conductor.servo_mut(), live, &may_park);
     log.panel.clear();
+    let on_the_way = (conductor.servo_mut().drive_mut()).map_or_else(Vec::new, |d| d.take_events());
     let rig = log.take_rig(&mut conductor);
+    log.take_drive_events(&on_the_way);
     let ended = ended.and(rig);
     let servo = conductor.servo_mut();
     if let Some(note) = servo.last_look() {
@@ -171,9 +174,15 @@ fn follow(
         } else if plan.real_time && feed.now_s().is_none() {
             log.keep_pace(&mut clock, elapsed_s, feed.info().fps);
         }
-        if let Some(step) = conductor.take(&pair, now_s)? {
-            let row = log.take(feed, conductor.servo(), &pair, step, plan)?;
-            folder.row(&row)?;
+        match conductor.take(&pair, now_s)? {
+            Some(step) => {
+                let row = log.take(feed, conductor, &pair, step, plan)?;
+                folder.row(&row);
+                if !plan.repeatable {
+                    folder.keep();
+                }
+            }
+            None => log.take_refused(conductor, &pair, now_s),
         }
         log.tell_changes(conductor);
         log.wall.total_s = clock.now_s();
@@ -225,16 +234,22 @@ fn finish(
     failure: Option<anyhow::Error>,
 ) -> anyhow::Result<Outcome> {
     let summary = log.rows.summary(&log.wall, log.facts);
-    super::plot::draw(&log.drawn, &summary).save(folder.path(), "plot")?;
-    log.sample.write(folder.path())?;
-    log.still.write(folder.path(), servo.cameras())?;
     let mut json = serde_json::to_string_pretty(&summary)?;
     json.push('\n');
-    crate::output::write_file(&folder.path().join("summary.json"), json.as_bytes())?;
+    // The smallest and most wanted first: on a disk that is full the others may not fit any more.
+    let path = folder.path();
+    let files = crate::output::write_file(&path.join("summary.json"), json.as_bytes())
+        .and_then(|()| super::plot::draw(&log.drawn, &summary).save(path, "plot"))
+        .and_then(|_| log.still.write(path, servo.cameras()))
+        .and_then(|()| log.sample.write(path));
+    let (folder, lacking) = folder.finish(files)?;
+    if let (Some(error), Some(_)) = (&lacking, &failure) {
+        crate::output::say(&format!("{error:#}"));
+    }
     Ok(Outcome {
         summary,
-        folder: folder.finish()?,
-        failure,
+        folder,
+        failure: failure.or(lacking),
     })
 }
 
@@ -251,6 +266,8 @@ struct Log {
     watch: Stopwatch,
     watched: Watched,
     recording: Option<Recording>,
+    /// Changes of state of the rig that are known not to be told.
+    forgotten: u64,
 }
 
 impl Log {
@@ -282,6 +299,7 @@ impl Log {
             watch: Stopwatch::start(),
             watched: Watched::default(),
             recording: None,
+            forgotten: 0,
         }
     }
 
@@ -317,11 +335,12 @@ impl Log {
     fn take(
         &mut self,
         feed: &Feed,
-        servo: &Servo,
+        conductor: &Conductor,
         pair: &StereoFrame,
         step: Step,
         plan: &Plan,
     ) -> anyhow::Result<Row> {
+        let servo = conductor.servo();
         if let Some(note) = step.health.clone() {
             self.take_health(note, step.capture_s);
         }
@@ -350,10 +369,25 @@ impl Log {
         self.rows.take(&row);
         self.drawn.take(&row);
         if let Some(recording) = &mut self.recording {
-            recording.take(pair, &scene.step, &row);
+            recording.take(pair, &scene.step, &row, conductor.offset_s());
         }
         self.take_pictures(pair, scene)?;
         Ok(row)
+    }
+
+    /// Keep a pair that the loop did not use (too late, dark, torn, or the rig may not move): the recording has it, too.
+    fn take_refused(&mut self, conductor: &Conductor, pair: &StereoFrame, now_s: f64) {
+        let offset_s = conductor.offset_s();
+        if let Some(recording) = &mut self.recording {
+            recording.refused(pair, now_s + offset_s, offset_s);
+        }
+    }
+
+    /// Keep what the controller did of itself.
+    fn take_drive_events(&mut self, events: &[DriveEvent]) {
+        if let Some(recording) = &mut self.recording {
+            events.iter().for_each(|e| recording.drive_event(e));
+        }
     }
 
     /// Note the wall times of a step; returns the time from capture to setpoint.
@@ -383,13 +417,36 @@ impl Log {
         for event in feed.take_events() {
             self.panel.clear();
             crate::output::say(&format!("{:.2} s: {}", event.time_s, event.text));
+            if let Some(recording) = &mut self.recording {
+                recording.camera_event(&event);
+            }
             self.facts.events_left_out += push(&mut self.facts.camera_events, event);
         }
     }
 
-    /// Note the rig's changes of state; what stops it is told at once.
+    /// Note the rig's changes of state, and what its controller did; what stops it is told at once. After a fault the recording has all that was decided
+    /// before it.
     fn tell_changes(&mut self, conductor: &mut Conductor) {
-        for decision in conductor.take_changes() {
+        let events = conductor.take_events();
+        self.take_drive_events(&events);
+        let changes = conductor.take_changes();
+        let is_fault = |d: &Decision| d.change.is_some_and(|(_, to)| to == RigState::Fault);
+        if let Some(recording) = &mut self.recording
+            && changes.iter().any(is_fault)
+        {
+            recording.remembered(conductor.decisions());
+        }
+        let forgotten = conductor.forgotten_changes() - self.forgotten;
+        if let Some(first) = changes.first()
+            && forgotten > 0
+        {
+            self.forgotten += forgotten;
+            self.facts.events_left_out += forgotten;
+            if let Some(recording) = &mut self.recording {
+                recording.forgotten(forgotten, first.time_s);
+            }
+        }
+        for decision in changes {
             if let Some(recording) = &mut self.recording {
                 recording.decided(&decision);
             }
@@ -477,102 +534,4 @@ fn push<T>(events: &mut Vec<T>, event: T) -> u64 {
 }
 
 #[cfg(test)]
-mod tests {
-    //! Proves: a run that fails half-way stops its axes, keeps what cannot be had again, and says why. Does not look at pictures.
-    use super::*;
-    use vergence_capture::{TwinConfig, TwinSource};
-    use vergence_control::{AxisName, ControlSettings, Controller, ModeRequest};
-    use vergence_geometry::{Camera, Distortion, Intrinsics, Screen, Viewer};
-    use vergence_scene::TwinCamera;
-    use vergence_servo::{Motors, Rigging, ServoSettings};
-
-    /// A twin with small pictures whose axis `broken` is in fault from the start.
-    fn rig(broken: AxisName) -> (Feed, Servo) {
-        let camera = TwinCamera {
-            camera: Camera {
-                intrinsics: Intrinsics::from_sensor(0.0065, 0.0048, 512, 384),
-                distortion: Distortion::NONE,
-            },
-            ..TwinCamera::default()
-        };
-        let config = TwinConfig {
-            seconds: Some(2.0),
-            cameras: [camera; 2],
-            ..TwinConfig::default()
-        };
-        let geometry = config.geometry;
-        let mut control = ControlSettings {
-            focal_px: camera.camera.intrinsics.fx,
-            ..ControlSettings::default()
-        };
-        control.mode.request = ModeRequest::Converged;
-        let controller = Controller::new(control.clone(), geometry, config.head.limits()).unwrap();
-        let source = TwinSource::new(config).unwrap();
-        let head = source.head();
-        head.with_axis(broken, |a| a.fault(0.0)).unwrap();
-        let motors = Motors::new(geometry, head.drive(), control.backlash_rad, controller);
-        let feed = Feed::Twin(Box::new(source));
-        let rigging = Rigging::Motors(Box::new(motors));
-        let servo = Servo::new(feed.info(), rigging, &ServoSettings::default()).unwrap();
-        (feed, servo)
-    }
-
-    fn plan(out: PathBuf, repeatable: bool) -> Plan {
-        Plan {
-            source: "test".to_owned(),
-            real_time: false,
-            live: None,
-            home: false,
-            headless: true,
-            seconds: None,
-            out,
-            mode: "converged".to_owned(),
-            seed: Some(1),
-            calibration: "true".to_owned(),
-            repeatable,
-            record: None,
-            screening: Screening {
-                pitch_m: 1.5e-5,
-                screen: Screen::default(),
-                viewer: Viewer::default(),
-            },
-        }
-    }
-
-    /// The pan axis refuses when the target is found: the others stop, rows and summary stay with the reason, and the vergence axes
-    /// park. The same failure of something that can be repeated leaves nothing.
-    #[test]
-    fn a_failing_axis_ends_the_run_safely() {
-        let out = tempfile::tempdir().unwrap();
-        let stop = Arc::new(AtomicBool::new(false));
-        let (feed, servo) = rig(AxisName::Pan);
-        let outcome = run(feed, servo, &plan(out.path().to_owned(), false), &stop).unwrap();
-        let failure = outcome.failure.unwrap().to_string();
-        assert!(failure.contains("Pan"), "{failure}");
-        let summary = outcome.summary;
-        assert_eq!(summary.failed.as_deref(), Some(failure.as_str()));
-        let rest = summary.rest.unwrap();
-        assert!(rest.stopped && !rest.parked, "{rest:?}");
-        assert_eq!(summary.limit_violations, 0);
-        let rows = std::fs::read_to_string(outcome.folder.join("frames.csv")).unwrap();
-        assert_eq!(rows.lines().count() as u64, 1 + summary.frames);
-        assert!(summary.frames > 3 && outcome.folder.join("summary.json").is_file());
-
-        let (feed, servo) = rig(AxisName::Pan);
-        let other = tempfile::tempdir().unwrap();
-        assert!(run(feed, servo, &plan(other.path().to_owned(), true), &stop).is_err());
-        assert_eq!(std::fs::read_dir(other.path()).unwrap().count(), 0);
-    }
-
-    /// A run that is told to stop before its first pair is whole, with its axes at rest.
-    #[test]
-    fn a_stopped_run_is_whole() {
-        let out = tempfile::tempdir().unwrap();
-        let stop = Arc::new(AtomicBool::new(true));
-        let (feed, servo) = rig(AxisName::Tilt);
-        let outcome = run(feed, servo, &plan(out.path().to_owned(), false), &stop).unwrap();
-        assert!(outcome.failure.is_none() && outcome.summary.interrupted);
-        assert!(outcome.summary.rest.unwrap().stopped);
-        assert!(outcome.folder.join("summary.json").is_file());
-    }
-}
+mod tests;

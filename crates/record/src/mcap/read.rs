@@ -3,7 +3,7 @@
 //! The index at the end is not used: a file that was cut short has none, and one that lies could send a reader anywhere. Nothing is
 //! allocated because a length says so: bytes are read first, up to [`LARGEST_RECORD`]. What is kept between records is the list of channels.
 
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 use std::io::Read;
 
 use crate::error::RecordError;
@@ -16,7 +16,10 @@ pub const LARGEST_RECORD: u64 = 64 << 20;
 /// Most schemas and most channels.
 const MOST_DECLARED: usize = 1000;
 
-/// Longest name, topic, key or value, bytes; settings are attachments, not metadata.
+/// Longest name or topic, bytes: thousands of them may be kept.
+const LONGEST_NAME: usize = 1000;
+
+/// Longest key or value of a fact, bytes; settings are attachments, not metadata.
 const LONGEST_TEXT: usize = 1 << 20;
 
 /// Most named facts of one metadata record.
@@ -131,8 +134,8 @@ pub struct Reader<R> {
     waiting: Vec<Event>,
     /// The chunk that is being given out: its bytes, where the next record in it begins, where it lies in the file.
     chunk: Option<OpenChunk>,
-    channels: BTreeMap<u16, u16>,
-    schemas: BTreeMap<u16, ()>,
+    channels: BTreeSet<u16>,
+    schemas: BTreeSet<u16>,
     over: bool,
     seen_end: bool,
 }
@@ -161,8 +164,8 @@ impl<R: Read> Reader<R> {
             offset: 8,
             waiting: Vec::new(),
             chunk: None,
-            channels: BTreeMap::new(),
-            schemas: BTreeMap::new(),
+            channels: BTreeSet::new(),
+            schemas: BTreeSet::new(),
             over: false,
             seen_end: false,
         })
@@ -320,9 +323,9 @@ impl<R: Read> Reader<R> {
         match opcode {
             op::SCHEMA => {
                 let id = rest.u16()?;
-                let name = rest.text()?;
-                let encoding = rest.text()?;
-                let known = self.schemas.insert(id, ()).is_some();
+                let name = rest.name()?;
+                let encoding = rest.name()?;
+                let known = !self.schemas.insert(id);
                 if self.schemas.len() > MOST_DECLARED {
                     self.schemas.remove(&id);
                     return Err(format!("more than {MOST_DECLARED} schemas"));
@@ -332,9 +335,9 @@ impl<R: Read> Reader<R> {
             op::CHANNEL => {
                 let id = rest.u16()?;
                 let schema = rest.u16()?;
-                let topic = rest.text()?;
-                let encoding = rest.text()?;
-                let known = self.channels.insert(id, schema).is_some();
+                let topic = rest.name()?;
+                let encoding = rest.name()?;
+                let known = !self.channels.insert(id);
                 if self.channels.len() > MOST_DECLARED {
                     self.channels.remove(&id);
                     return Err(format!("more than {MOST_DECLARED} channels"));
@@ -348,7 +351,7 @@ impl<R: Read> Reader<R> {
             }
             op::MESSAGE => {
                 let channel = rest.u16()?;
-                if !self.channels.contains_key(&channel) {
+                if !self.channels.contains(&channel) {
                     return Err(format!(
                         "a message of channel {channel}, which was never declared"
                     ));
@@ -370,12 +373,13 @@ fn open_chunk(rest: &mut Bytes<'_>, offset: u64, length: u64) -> Result<OpenChun
     let _times = (rest.u64()?, rest.u64()?);
     let size = rest.u64()?;
     let sum = rest.u32()?;
-    let compression = rest.text()?;
+    let compression = rest.name()?;
     let stored = rest.count()?;
     let records = rest.slice(stored)?;
     if !compression.is_empty() {
         return Err(format!(
-            "its chunk is compressed ({compression}); only chunks without compression are read, `mcap compress --compression none` makes them"
+            "its chunk is compressed ({}); only chunks without compression are read, `mcap compress --compression none` makes them",
+            compression.escape_debug()
         ));
     }
     if size != records.len() as u64 {
@@ -402,8 +406,8 @@ fn open_chunk(rest: &mut Bytes<'_>, offset: u64, length: u64) -> Result<OpenChun
 fn attachment(content: &[u8]) -> Result<Event, String> {
     let mut rest = Bytes(content);
     let _times = (rest.u64()?, rest.u64()?);
-    let name = rest.text()?;
-    let _media_type = rest.text()?;
+    let name = rest.name()?;
+    let _media_type = rest.name()?;
     let length = rest.count()?;
     let data = rest.slice(length)?.to_vec();
     let covered = content.len() - rest.0.len();
@@ -411,22 +415,22 @@ fn attachment(content: &[u8]) -> Result<Event, String> {
     let found = crc(&content[..covered]);
     if sum != 0 && sum != found {
         return Err(format!(
-            "the checksum of the attachment {name} is {found:#010x} where {sum:#010x} was written"
+            "the checksum of the attachment {name:?} is {found:#010x} where {sum:#010x} was written"
         ));
     }
     Ok(Event::Attachment { name, data })
 }
 
 fn metadata(rest: &mut Bytes<'_>) -> Result<Event, String> {
-    let name = rest.text()?;
+    let name = rest.name()?;
     let length = rest.u32()? as usize;
     let mut map = Bytes(rest.slice(length)?);
     let mut facts = Vec::new();
     while !map.0.is_empty() {
         if facts.len() == MOST_FACTS {
-            return Err(format!("more than {MOST_FACTS} facts of {name}"));
+            return Err(format!("more than {MOST_FACTS} facts of {name:?}"));
         }
-        facts.push((map.text()?, map.text()?));
+        facts.push((map.text(LONGEST_TEXT)?, map.text(LONGEST_TEXT)?));
     }
     Ok(Event::Metadata { name, facts })
 }
@@ -470,10 +474,14 @@ impl<'a> Bytes<'a> {
         usize::try_from(count).map_err(|_| format!("a length of {count} bytes"))
     }
 
-    fn text(&mut self) -> Result<String, String> {
+    fn name(&mut self) -> Result<String, String> {
+        self.text(LONGEST_NAME)
+    }
+
+    fn text(&mut self, longest: usize) -> Result<String, String> {
         let length = self.u32()? as usize;
-        if length > LONGEST_TEXT {
-            return Err(format!("a text of {length} bytes, at most {LONGEST_TEXT}"));
+        if length > longest {
+            return Err(format!("a text of {length} bytes, at most {longest}"));
         }
         let bytes = self.slice(length)?;
         String::from_utf8(bytes.to_vec()).map_err(|_| "a text that is not UTF-8".to_owned())

@@ -221,7 +221,7 @@ impl Writer {
     }
 
     /// The end of the file: summary and footer. The open chunk must have been taken.
-    pub fn finish(self) -> Vec<u8> {
+    pub fn finish(&self) -> Vec<u8> {
         debug_assert!(self.times.is_none());
         let mut out = Vec::new();
         // A checksum of the whole data section would have to be carried through every write; 0 says that there is none, the chunks have theirs.

@@ -8,7 +8,6 @@ use std::sync::{Arc, Mutex};
 
 use nalgebra::{Isometry3, Matrix6, Point2, Point3, Translation3, Vector3};
 use vergence_capture::{Frame, StereoFrame};
-use vergence_control::{AxisCommand, AxisSetpoint};
 use vergence_geometry::{Camera, Distortion, HeadAngles, Intrinsics};
 use vergence_imaging::Rgb;
 use vergence_record::{Description, Pictures, RecordSettings, Storage, rows};
@@ -37,7 +36,6 @@ pub(crate) fn description(size: (usize, usize)) -> Description {
         cameras: [camera(size); 2],
         fixed_base_from_cam: None,
         fps: FPS,
-        epoch_ns: 0,
         timing: false,
         truth: false,
     }
@@ -144,14 +142,6 @@ pub(crate) fn readings(pair: &StereoFrame) -> Vec<rows::Axis> {
         .collect()
 }
 
-pub(crate) fn setpoint(position_rad: f64) -> AxisCommand {
-    AxisCommand::Follow(AxisSetpoint {
-        time_s: 1.0,
-        position_rad,
-        velocity_rad_s: 0.0,
-    })
-}
-
 /// What a disk does with the next bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Mood {
@@ -174,9 +164,6 @@ pub(crate) struct Disk {
 pub(crate) struct Inner {
     pub(crate) bytes: Vec<u8>,
     pub(crate) mood: Mood,
-    /// Full from this many bytes on.
-    pub(crate) room: usize,
-    pub(crate) syncs: u64,
 }
 
 impl Disk {
@@ -185,8 +172,6 @@ impl Disk {
             inner: Arc::new(Mutex::new(Inner {
                 bytes: Vec::new(),
                 mood: Mood::Good,
-                room: usize::MAX,
-                syncs: 0,
             })),
         }
     }
@@ -203,24 +188,18 @@ impl Disk {
 impl Storage for Disk {
     fn append(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let mut disk = self.inner.lock().unwrap();
-        let left = disk.room - disk.bytes.len().min(disk.room);
         let count = match disk.mood {
-            Mood::Good => bytes.len().min(left),
-            Mood::Short(most) => bytes.len().min(most).min(left),
+            Mood::Good => bytes.len(),
+            Mood::Short(most) => bytes.len().min(most),
             Mood::Busy => return Err(io::ErrorKind::WouldBlock.into()),
             Mood::Full => return Err(io::ErrorKind::StorageFull.into()),
         };
-        if count == 0 {
-            return Err(io::ErrorKind::StorageFull.into());
-        }
         disk.bytes.extend(&bytes[..count]);
         Ok(count)
     }
 
     fn sync(&mut self) -> io::Result<()> {
-        let mut disk = self.inner.lock().unwrap();
-        disk.syncs += 1;
-        match disk.mood {
+        match self.inner.lock().unwrap().mood {
             Mood::Full => Err(io::ErrorKind::StorageFull.into()),
             _ => Ok(()),
         }
