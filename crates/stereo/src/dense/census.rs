@@ -53,7 +53,7 @@ fn words_of_row(around: &[&[u8]; ROWS], out: &mut [u64]) {
             std::array::from_fn(|k| around[row][from..from + WORDS][k])
         };
         let middle = at(above, beside);
-        // Eight neighbours fill a byte of each word: bytes are a quarter or less of the registers that words take.
+        // Eight neighbours (six at first) fill a byte of each word: the bytes take one register where the words take eight (AVX2) or four (AVX-512).
         let mut words = [0u64; WORDS];
         let mut bits = [0u8; WORDS];
         let mut count = 0;

@@ -234,8 +234,19 @@ const fn places<const N: usize>() -> [u8; N] {
     places
 }
 
-/// The cost of differing bits, of a difference of gradients and one of grey values: their sum, weighed: `(6 b + 4 s + 6 g) / 16`,
-/// in bytes: halved once, `b + g + (b + g) / 2 + s` is at most 201, and what halving drops is too little to be missed in the end.
+/// Bits in which two census words may differ.
+const BITS: u8 = 62;
+
+// What `cost` adds up fits a byte, and the largest cost of a real disparity is below that of one that is none.
+const _: () = {
+    let both = BITS as u32 + LARGEST_STEP as u32;
+    let sum = both + both / 2 + 2 * STEEPEST as u32;
+    assert!(sum <= u8::MAX as u32);
+    assert!(sum / 4 + UNEXPECTED as u32 <= MOST as u32);
+};
+
+/// The cost of differing bits `b`, of a difference of gradients `s` and one of grey values `g`: `(6 b + 4 s + 6 g) / 16`, rounded down, in bytes.
+/// The half that `(b + g) / 2` drops changes nothing: a quarter of a whole number and a half, rounded down, is that of the whole number.
 #[inline(always)]
 fn cost(bits: u8, slope: u8, gray: u8) -> u8 {
     let both = bits + gray.min(LARGEST_STEP);
