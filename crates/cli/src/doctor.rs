@@ -142,7 +142,7 @@ pub(crate) fn run(global: &Global, args: &DoctorArgs) -> anyhow::Result<()> {
         args.motors.as_deref(),
     );
     let settings = global.settings(&flags)?;
-    let spec = MotorsSpec::from_text(settings.word("motors.controller"))?;
+    let spec = MotorsSpec::from_settings(&settings)?;
     let checks = checks(args, &settings, &spec)?;
     let count = |status| checks.iter().filter(|c| c.status == status).count();
     let (wrong, notes) = (count(Status::Wrong), count(Status::Note));
@@ -174,7 +174,7 @@ fn checks(args: &DoctorArgs, settings: &Settings, spec: &MotorsSpec) -> anyhow::
     checks.extend(cameras::checks(&places));
     let ports = serial::ports(&places);
     checks.extend(serial::checks(&ports));
-    checks.extend(controllers::checks(spec, &twin.head, &ports, args.probe));
+    checks.extend(controllers::checks(spec, settings, &ports, args.probe));
     checks.extend(files::calibration(
         args.calibration.as_deref(),
         &twin.cameras[0].camera,

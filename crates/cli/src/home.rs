@@ -1,15 +1,11 @@
 //! `vergence home`: find the zero of all axes.
 
-use std::time::{Duration, Instant};
-
 use serde::Serialize;
-use vergence_control::{AxisState, Drive as _};
+use vergence_control::Drive as _;
 
 use crate::args::Global;
-use crate::motors::MotorsSpec;
 use crate::moving::{AxisRecord, Hand};
 use crate::output::{self, Format};
-use crate::{fault, rig};
 
 /// What the command does, for its manual page.
 pub(crate) const LONG: &str = "\
@@ -26,9 +22,6 @@ Examples:
 
 Exit code 0: homed; 1: not homed, with the reason; 2: nobody could be asked; 130: stopped by Ctrl-C.
 docs/reference-jog.md describes the answer of --format json.";
-
-/// Homing that takes longer has failed.
-const MOST: Duration = Duration::from_secs(180);
 
 /// Flags of `vergence home`.
 #[derive(Debug, clap::Args)]
@@ -55,17 +48,7 @@ struct Answer {
 
 /// Run.
 pub(crate) fn run(global: &Global, args: &HomeArgs) -> anyhow::Result<()> {
-    let mut flags = Vec::new();
-    rig::push(
-        &mut flags,
-        "motors.controller",
-        "--motors",
-        args.motors.as_deref(),
-    );
-    let settings = global.settings(&flags)?;
-    let spec = MotorsSpec::from_text(settings.word("motors.controller"))?;
-    let live = spec.open(&crate::twin::config(&settings)?.head)?;
-    let mut hand = Hand::new(spec, live)?;
+    let mut hand = Hand::open(global, args.motors.as_deref())?;
     let fault = hand.has_fault();
     let what = match fault {
         true => format!(
@@ -81,38 +64,7 @@ pub(crate) fn run(global: &Global, args: &HomeArgs) -> anyhow::Result<()> {
     if fault {
         hand.release()?;
     }
-    let start = Instant::now();
-    hand.live.home(0.0)?;
-    loop {
-        let states = hand.live.states();
-        if states
-            .iter()
-            .all(|s| matches!(s, AxisState::Ready | AxisState::Held))
-        {
-            break;
-        }
-        if states.contains(&AxisState::Fault) {
-            // The reason was among the events.
-            hand.look()?;
-            return Err(fault::failed(format!("{} did not home", hand.live.name()))
-                .hint("look at the rig and its switches, then run `vergence home` again")
-                .into());
-        }
-        if start.elapsed() > MOST {
-            let _ = hand.live.hold(0.0);
-            return Err(fault::failed(format!(
-                "{} did not home within {} s: {}",
-                hand.live.name(),
-                MOST.as_secs(),
-                hand.axes_text()
-            ))
-            .into());
-        }
-        hand.look()?;
-    }
-    hand.look()?;
-    hand.clear_line();
-    let seconds = start.elapsed().as_secs_f64();
+    let seconds = hand.home()?;
     match args.format {
         Format::Text => output::print(&format!(
             "{} homed in {seconds:.1} s: {}\n",

@@ -3,15 +3,16 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use vergence_control::grbl::{GrblConfig, GrblDrive, SerialPort};
+use vergence_control::grbl::{GrblAxis, GrblConfig, GrblDrive, GrblHoming, SerialPort};
 use vergence_control::linuxcnc::PORT;
 use vergence_control::{
     AxisCommand, AxisError, AxisLimits, AxisName, AxisReading, AxisState, BoxedDrive, Drive,
-    DriveEvent, DriveEventKind, HeadConfig, Link, LinuxCncConfig, LinuxCncDrive, LiveDrive,
-    SimulatedHead,
+    DriveEvent, DriveEventKind, DriveEvents, HeadConfig, Link, LinuxCncConfig, LinuxCncDrive,
+    LiveDrive, SimulatedHead,
 };
 
 use crate::fault::{self, Fault};
+use crate::settings::Settings;
 
 /// A controller that has not answered after this long is not there. LinuxCNC takes up to a second for its first answer.
 const CONNECT: Duration = Duration::from_secs(4);
@@ -69,15 +70,21 @@ impl MotorsSpec {
         }
     }
 
-    /// A controller with its thread; it answers, and nothing has moved. `head` are the motors of the settings.
-    pub(crate) fn open(&self, head: &HeadConfig) -> anyhow::Result<LiveDrive> {
+    /// The one that the settings name.
+    pub(crate) fn from_settings(settings: &Settings) -> Result<Self, Fault> {
+        Self::from_text(settings.word("motors.controller"))
+    }
+
+    /// A controller with its thread; it answers, and nothing has moved.
+    pub(crate) fn open(&self, settings: &Settings) -> anyhow::Result<LiveDrive> {
+        let head = &crate::twin::config(settings)?.head;
         let drive: BoxedDrive = match self {
             Self::Simulated => Box::new(SimulatedMotors::new(head)?),
             Self::Grbl(port) => {
-                let config = GrblConfig {
-                    port: port.clone(),
-                    ..GrblConfig::default()
-                };
+                let config = grbl_config(settings, port);
+                config.check().map_err(|e| {
+                    fault::usage(format!("motors.grbl: {e}")).hint("`vergence config` prints it")
+                })?;
                 let line = SerialPort::new(Path::new(port), config.baud);
                 Box::new(GrblDrive::new(config, head, Box::new(line), 0.0)?)
             }
@@ -112,6 +119,40 @@ impl MotorsSpec {
     }
 }
 
+/// What the settings say of a Grbl controller.
+fn grbl_config(settings: &Settings, port: &str) -> GrblConfig {
+    let axis = |name: &str| {
+        let key = |key: &str| format!("motors.grbl.{name}.{key}");
+        GrblAxis {
+            letter: settings.word(&key("letter")).chars().next().unwrap_or('X'),
+            inverted: settings.switch(&key("inverted")),
+            units_per_degree: settings.number(&key("units_per_degree")),
+            zero_units: settings.number_or_auto(&key("zero")),
+        }
+    };
+    let number = |key: &str| settings.number(&format!("motors.grbl.{key}"));
+    GrblConfig {
+        port: port.to_owned(),
+        baud: number("baud") as u32,
+        pan: axis("pan"),
+        tilt: axis("tilt"),
+        left: axis("left"),
+        right: axis("right"),
+        // No command turns a focus yet.
+        focus: None,
+        homing: match settings.word("motors.grbl.homing") {
+            "by_hand" => GrblHoming::ByHand,
+            _ => GrblHoming::Switches,
+        },
+        reset_on_connect: settings.switch("motors.grbl.reset_on_connect"),
+        silence_s: number("silence"),
+        watchdog_s: number("watchdog"),
+        setpoint_s: number("setpoint"),
+        ahead_s: number("ahead"),
+        homing_s: number("homing_time"),
+    }
+}
+
 /// The word for an axis on the command line.
 pub(crate) fn axis_word(axis: AxisName) -> &'static str {
     match axis {
@@ -137,7 +178,7 @@ struct SimulatedMotors {
     head: SimulatedHead,
     drive: BoxedDrive,
     homed: bool,
-    events: Vec<DriveEvent>,
+    events: DriveEvents,
 }
 
 impl SimulatedMotors {
@@ -147,14 +188,14 @@ impl SimulatedMotors {
             drive: head.drive(),
             head,
             homed: false,
-            events: Vec::new(),
+            events: DriveEvents::default(),
         })
     }
 }
 
 impl Drive for SimulatedMotors {
-    fn name(&self) -> &str {
-        "simulated motors"
+    fn name(&self) -> String {
+        "simulated motors".to_owned()
     }
 
     fn limits(&self) -> [AxisLimits; 4] {
@@ -178,11 +219,8 @@ impl Drive for SimulatedMotors {
     fn home(&mut self, now_s: f64) -> Result<(), AxisError> {
         self.head.home();
         if !std::mem::replace(&mut self.homed, true) {
-            self.events.push(DriveEvent {
-                time_s: now_s,
-                kind: DriveEventKind::Homed,
-                text: "all axes are homed".to_owned(),
-            });
+            let text = "all axes are homed".to_owned();
+            self.events.push(now_s, DriveEventKind::Homed, text);
         }
         Ok(())
     }
@@ -206,7 +244,7 @@ impl Drive for SimulatedMotors {
     }
 
     fn take_events(&mut self) -> Vec<DriveEvent> {
-        std::mem::take(&mut self.events)
+        self.events.take()
     }
 }
 

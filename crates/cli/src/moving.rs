@@ -3,14 +3,16 @@
 use std::io::{BufRead as _, IsTerminal as _, Write as _};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
-use vergence_control::{AxisName, AxisState, Drive as _, Link, LiveDrive};
+use vergence_control::{AxisName, AxisState, Drive as _, Link, LiveDrive, stands};
 
+use crate::args::Global;
 use crate::fault::{self, Fault};
 use crate::motors::{MotorsSpec, axis_word, state_word};
-use crate::output;
+use crate::{output, rig};
 
 /// Between two looks at the axes; well within the watchdog of any controller.
 pub(crate) const LOOK: Duration = Duration::from_millis(10);
@@ -21,8 +23,8 @@ const SHOW: Duration = Duration::from_millis(100);
 /// Axes that were told to stop stand after this long: from full speed they need a third of a second.
 const STOP_MOST: Duration = Duration::from_secs(3);
 
-/// Slower than this is standing, rad/s (0.006°/s).
-const STANDING_RAD_S: f64 = 1e-4;
+/// Homing that takes longer has failed.
+const HOMING_MOST: Duration = Duration::from_secs(180);
 
 /// How a released controller shows it: within this time its axes are no longer at fault.
 const RELEASE_MOST: Duration = Duration::from_secs(4);
@@ -47,18 +49,30 @@ pub(crate) struct Hand {
 }
 
 impl Hand {
-    pub(crate) fn new(spec: MotorsSpec, live: LiveDrive) -> anyhow::Result<Self> {
+    /// On the controller that the flag `--motors` or the settings name; nothing has moved.
+    pub(crate) fn open(global: &Global, motors: Option<&str>) -> anyhow::Result<Self> {
+        let mut flags = Vec::new();
+        rig::push(&mut flags, "motors.controller", "--motors", motors);
+        let settings = global.settings(&flags)?;
+        let spec = MotorsSpec::from_settings(&settings)?;
+        // From here on a Ctrl-C is heard.
+        let stop = crate::run::stop_on_signals()?;
+        let live = spec.open(&settings)?;
         Ok(Self {
             spec,
             live,
-            stop: crate::run::stop_on_signals()?,
+            stop,
             shown: None,
             line: false,
         })
     }
 
     /// Ask a person whether `what` may happen. Without a terminal there is nobody to ask.
-    pub(crate) fn ask(&self, what: &str, yes: bool) -> Result<(), Fault> {
+    ///
+    /// # Errors
+    /// When the answer is not yes, nobody can be asked, or a Ctrl-C came before, during or after the question.
+    pub(crate) fn ask(&mut self, what: &str, yes: bool) -> anyhow::Result<()> {
+        self.refuse_when_stopped()?;
         if yes {
             return Ok(());
         }
@@ -66,19 +80,90 @@ impl Hand {
             return Err(fault::usage(format!(
                 "{what}: nobody can be asked, since this is no terminal"
             ))
-            .hint("--yes moves without asking"));
+            .hint("--yes moves without asking")
+            .into());
         }
-        let mut err = std::io::stderr().lock();
+        let mut err = std::io::stderr();
         // A question that cannot be shown is answered by nothing, and nothing is no.
         let _ = write!(err, "{what}. Is the rig free to move? [y/N] ");
         let _ = err.flush();
-        let mut answer = String::new();
-        let read = std::io::stdin().lock().read_line(&mut answer);
-        let agreed = read.is_ok() && matches!(answer.trim(), "y" | "Y" | "yes" | "Yes");
-        match agreed && !self.is_stopped() {
+        let answer = self.answer()?;
+        self.refuse_when_stopped()?;
+        match matches!(answer.trim(), "y" | "Y" | "yes" | "Yes") {
             true => Ok(()),
-            false => Err(fault::failed("nothing was moved")),
+            false => Err(fault::failed("nothing was moved").into()),
         }
+    }
+
+    /// The line that a person types; empty when there is none. Read beside, since a read goes on after a signal.
+    fn answer(&mut self) -> anyhow::Result<String> {
+        let (sender, receiver) = channel();
+        std::thread::Builder::new()
+            .name("answer".to_owned())
+            .spawn(move || {
+                let mut line = String::new();
+                let _ = std::io::stdin().lock().read_line(&mut line);
+                // Nobody may be left to hear it.
+                let _ = sender.send(line);
+            })?;
+        loop {
+            match receiver.recv_timeout(LOOK) {
+                Ok(line) => return Ok(line),
+                Err(RecvTimeoutError::Disconnected) => return Ok(String::new()),
+                Err(RecvTimeoutError::Timeout) => {
+                    self.refuse_when_stopped()?;
+                    self.live.update(0.0);
+                }
+            }
+        }
+    }
+
+    /// A Ctrl-C before anything was told to move.
+    fn refuse_when_stopped(&self) -> Result<(), Fault> {
+        match self.is_stopped() {
+            true => Err(fault::interrupted("stopped: nothing was moved")),
+            false => Ok(()),
+        }
+    }
+
+    /// Home all axes, which takes as long as is returned, s.
+    ///
+    /// # Errors
+    /// As [`Self::look`]; when it fails or does not end.
+    pub(crate) fn home(&mut self) -> anyhow::Result<f64> {
+        let start = Instant::now();
+        self.live.home(0.0)?;
+        loop {
+            let states = self.live.states();
+            if states
+                .iter()
+                .all(|s| matches!(s, AxisState::Ready | AxisState::Held))
+            {
+                break;
+            }
+            if states.contains(&AxisState::Fault) {
+                // The reason was among the events.
+                self.look()?;
+                return Err(fault::failed(format!("{} did not home", self.live.name()))
+                    .hint("look at the rig and its switches, then run `vergence home` again")
+                    .into());
+            }
+            if start.elapsed() > HOMING_MOST {
+                // Whether the line takes it or not: what is said below is all that can be.
+                let _ = self.live.hold(0.0);
+                return Err(fault::failed(format!(
+                    "{} did not home within {} s: {}",
+                    self.live.name(),
+                    HOMING_MOST.as_secs(),
+                    self.axes_text()
+                ))
+                .into());
+            }
+            self.look()?;
+        }
+        self.look()?;
+        self.clear_line();
+        Ok(start.elapsed().as_secs_f64())
     }
 
     /// Release a fault, which only a person may ask for.
@@ -113,6 +198,8 @@ impl Hand {
     /// # Errors
     /// When a person stops it, after the axes have been told to hold; when the controller is lost.
     pub(crate) fn look(&mut self) -> anyhow::Result<()> {
+        // Whoever looks lives: homing goes on only as long as somebody does.
+        self.live.update(0.0);
         self.say_events();
         if self.is_stopped() {
             return Err(self.stopped());
@@ -145,17 +232,13 @@ impl Hand {
 
     /// Whether all axes stand.
     pub(crate) fn stands(&self) -> bool {
-        let now_s = self.live.now_s();
-        AxisName::ALL.into_iter().all(|axis| {
-            let reading = self.live.reading(axis, now_s);
-            reading.is_ok_and(|r| r.velocity_rad_s.abs() < STANDING_RAD_S)
-        })
+        stands(&self.live, self.live.now_s())
     }
 
-    /// Position of an axis, degrees.
-    pub(crate) fn position_deg(&self, axis: AxisName) -> Option<f64> {
+    /// Position of an axis, rad.
+    pub(crate) fn position_rad(&self, axis: AxisName) -> Option<f64> {
         let reading = self.live.reading(axis, self.live.now_s());
-        reading.ok().map(|r| r.position_rad.to_degrees())
+        reading.ok().map(|r| r.position_rad)
     }
 
     fn say_events(&mut self) {
@@ -219,7 +302,7 @@ impl Hand {
             AxisRecord {
                 name: axis_word(axis),
                 state: state_word(states[axis.index()]),
-                position_deg: self.position_deg(axis),
+                position_deg: self.position_rad(axis).map(f64::to_degrees),
                 min_deg: limits.position_min_rad.to_degrees(),
                 max_deg: limits.position_max_rad.to_degrees(),
             }

@@ -79,7 +79,7 @@ fn off_is_told(place: &Place, motors: &str) {
     assert_eq!(
         run.err,
         format!(
-            "error: {motors}: axis pan cannot follow: fault\nhint: vergence home --motors {motors}\n"
+            "error: {motors}: axis pan cannot follow: fault\nhint: add --home to let the axes look for their zeros first, or run vergence home --motors {motors}\n"
         )
     );
     let unasked = with_motors(place, &["home"], motors);
@@ -161,6 +161,13 @@ fn closed_loop(place: &Place, motors: &str, simulated: &Value) {
     // docs/performance.md.
     let frames = number(&real, "/frames");
     assert!(frames > 150.0, "{real}");
-    assert!(number(&real, "/vergence_error_px/rms") < 1.0, "{real}");
-    assert!(number(&real, "/range_error/rms_relative") < 0.06, "{real}");
+    let rms = |summary: &Value| number(summary, "/vergence_error_px/rms");
+    assert!(
+        rms(&real) <= 1.5 * rms(simulated) + 0.1,
+        "vergence error {} px RMS on LinuxCNC, {} px on the simulated axes: {real}",
+        rms(&real),
+        rms(simulated)
+    );
+    let range = |summary: &Value| number(summary, "/range_error/rms_relative");
+    assert!(range(&real) <= 1.5 * range(simulated) + 0.005, "{real}");
 }

@@ -1,5 +1,6 @@
 //! Proves: `jog` and `home` ask before anything moves, refuse what cannot be done with a sentence and a remedy, and move simulated motors
-//! within their limits; `--motors` of `run` refuses what is no controller. Real controllers are in `tests/linuxcnc.rs`.
+//! within their limits; so they do over a serial port with a simulated Grbl behind it, whose zero is that of one connection and whose settings are those of
+//! `motors.grbl`; `--motors` of `run` refuses what is no controller. LinuxCNC is in `tests/linuxcnc_loop.rs`.
 
 #![allow(
     clippy::unwrap_used,
@@ -9,6 +10,9 @@
 mod common;
 
 use common::Place;
+use vergence_control::HeadConfig;
+use vergence_control::grbl::terminal::real_time;
+use vergence_control::grbl::{GrblTerminal, SharedGrbl, SimulatedGrbl, SimulatedGrblConfig};
 
 #[test]
 fn without_a_terminal_nothing_moves_unasked() {
@@ -96,5 +100,60 @@ fn what_cannot_be_done_is_said_in_one_sentence() {
         std::fs::read_dir(place.path()).unwrap().count(),
         0,
         "nothing half-written"
+    );
+}
+
+/// Homing takes longer than the second after which a program that asks for nothing is taken for stalled; and the zero is lost with the connection, so `jog`
+/// homes first when it is told to.
+#[test]
+fn grbl_homes_and_turns() {
+    let mut config = SimulatedGrblConfig::for_rig(&HeadConfig::default());
+    config.start[..4].copy_from_slice(&[-12.0; 4]);
+    // 10 degrees a second to the switches, 20 to get off them.
+    assert!(config.settings.set(25, 600.0) && config.settings.set(24, 1200.0));
+    let clock = real_time();
+    let grbl = SharedGrbl::new(SimulatedGrbl::new(config, clock()));
+    let folder = tempfile::tempdir().unwrap();
+    let terminal = GrblTerminal::start(grbl, clock, Some(&folder.path().join("grbl"))).unwrap();
+    let motors = format!("grbl:{}", terminal.path().display());
+    let place = Place::new();
+    let run = |args: &[&str]| {
+        // A machine that is busy with other tests keeps the simulated controller from answering.
+        let patient = ["--motors", &motors, "--set", "motors.grbl.silence=3s"];
+        place.run(&[args, &patient].concat())
+    };
+    let home = run(&["home", "--yes", "--format", "json"]);
+    assert_eq!(home.code, 0, "{home:?}");
+    let answer: serde_json::Value = serde_json::from_str(&home.out).unwrap();
+    assert!(answer["seconds"].as_f64().unwrap() > 1.1, "{answer}");
+
+    let unhomed = run(&["jog", "pan", "--to", "70", "--yes"]);
+    assert_eq!(unhomed.code, 1, "{unhomed:?}");
+    assert!(
+        unhomed.err.contains("axis pan of grbl:") && unhomed.err.contains("add --home"),
+        "{unhomed:?}"
+    );
+    let jog = ["jog", "pan", "--to", "70", "--home", "--format", "json"];
+    let unasked = run(&jog);
+    assert!(
+        unasked.code == 2
+            && unasked
+                .err
+                .contains("switches, then pan will turn to 70.000°"),
+        "{unasked:?}"
+    );
+    let turned = run(&[&jog[..], &["--yes"]].concat());
+    assert_eq!(turned.code, 0, "{turned:?}");
+    let answer: serde_json::Value = serde_json::from_str(&turned.out).unwrap();
+    let reached = answer["reached_deg"].as_f64().unwrap();
+    assert!((reached - 70.0).abs() <= 0.01, "{answer}");
+    assert!(answer["from_deg"].as_f64().unwrap() > 70.0, "{answer}");
+
+    let twice = run(&["home", "--yes", "--set", "motors.grbl.tilt.letter=X"]);
+    assert_eq!(twice.code, 2, "{twice:?}");
+    assert!(
+        twice.err.starts_with("error: motors.grbl: ")
+            && twice.err.contains("given to one axis only"),
+        "{twice:?}"
     );
 }

@@ -95,6 +95,32 @@ pub struct AxisSetpoint {
     pub velocity_rad_s: f64,
 }
 
+/// A setpoint's time may lie this far from the command's, s.
+pub const SETPOINT_SPAN_S: f64 = 1.0;
+
+impl AxisSetpoint {
+    /// Whether an axis can take it at `now_s`: all its numbers are finite and its time is within [`SETPOINT_SPAN_S`] of now.
+    ///
+    /// # Errors
+    /// [`AxisError::NotFinite`] or [`AxisError::OutOfHistory`].
+    pub fn check(&self, axis: AxisName, now_s: f64) -> Result<(), AxisError> {
+        for value in [now_s, self.time_s, self.position_rad, self.velocity_rad_s] {
+            if !value.is_finite() {
+                return Err(AxisError::NotFinite { axis, value });
+            }
+        }
+        if (self.time_s - now_s).abs() > SETPOINT_SPAN_S {
+            return Err(AxisError::OutOfHistory {
+                axis,
+                asked_s: self.time_s,
+                from_s: now_s - SETPOINT_SPAN_S,
+                to_s: now_s + SETPOINT_SPAN_S,
+            });
+        }
+        Ok(())
+    }
+}
+
 /// Whether an axis may move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -3,6 +3,8 @@
 //! A real controller is one device behind one line: its four axes are commanded together, they are lost together, and it must be
 //! listened to all the time. The simulated axes stand behind the same trait.
 
+use std::collections::VecDeque;
+
 use crate::axis::{AxisError, AxisLimits, AxisName, AxisReading, AxisState};
 use crate::controller::AxisCommand;
 use crate::head::BoxedAxis;
@@ -52,14 +54,47 @@ pub enum DriveEventKind {
     Homed,
 }
 
+/// Events that a drive keeps until they are taken.
+const EVENTS_MOST: usize = 64;
+
+/// Homing is stopped when the program has been silent for this long, s.
+pub(crate) const HOMING_WATCHDOG_S: f64 = 1.0;
+
+/// What happened since the last look, oldest first: the newest 64.
+#[derive(Clone, Debug, Default)]
+pub struct DriveEvents(VecDeque<DriveEvent>);
+
+impl DriveEvents {
+    /// Add one; the oldest goes when there are too many.
+    pub fn push(&mut self, time_s: f64, kind: DriveEventKind, text: String) {
+        if self.0.len() == EVENTS_MOST {
+            self.0.pop_front();
+        }
+        self.0.push_back(DriveEvent { time_s, kind, text });
+    }
+
+    /// The newest sentence that was not taken yet.
+    pub fn newest(&self) -> Option<&str> {
+        self.0.back().map(|event| event.text.as_str())
+    }
+
+    /// Take all.
+    pub fn take(&mut self) -> Vec<DriveEvent> {
+        self.0.drain(..).collect()
+    }
+}
+
 /// The four motors of a head behind one controller.
 ///
 /// No call blocks and none reads a clock: each says what time it is, and `now_s` never decreases. What a controller has to say comes in
-/// with [`Drive::update`], which is to be called at least every 20 ms; a drive that was not updated or commanded for longer than its
-/// watchdog allows stops its axes by itself.
+/// with [`Drive::update`] or [`Drive::poll`], one of which is to be called at least every 20 ms.
+///
+/// Two watchdogs stop the axes of a program that stalls. A setpoint goes stale: an axis that gets no other for its time-out (a quarter of a
+/// second unless set otherwise) slows down and is held, whatever else is called. Homing takes no setpoints: it is stopped when neither
+/// `update` nor `command` was called for a second; [`Drive::poll`] counts for neither.
 pub trait Drive: Send {
     /// What it is, for a person: "simulated", "Grbl 1.1h on /dev/ttyUSB0".
-    fn name(&self) -> &str;
+    fn name(&self) -> String;
 
     /// What the axes may do, in the order of [`AxisName::ALL`].
     fn limits(&self) -> [AxisLimits; 4];
@@ -67,15 +102,16 @@ pub trait Drive: Send {
     /// Take what came in since the last call and send what is due.
     fn update(&mut self, now_s: f64);
 
-    /// The same from a thread that listens beside the loop: it says nothing of whether the loop still lives.
-    fn look(&mut self, now_s: f64) {
+    /// The same from a thread that listens beside the loop: it is no sign that the loop still lives.
+    fn poll(&mut self, now_s: f64) {
         self.update(now_s);
     }
 
     /// Give all four axes their commands. Every axis answers for itself; a drive that moves its axes together stops all of them when one refuses.
     fn command(&mut self, commands: &[AxisCommand; 4], now_s: f64) -> [Result<(), AxisError>; 4];
 
-    /// Slow all axes down within their limits and stay. Never refused: whatever can be sent is sent.
+    /// Slow all axes down within their limits and stay; ends homing, too. No state refuses it: whatever can be sent is sent. An error says
+    /// that nothing could be, for want of a line; a controller that hears nothing stops its axes by itself.
     fn hold(&mut self, now_s: f64) -> [Result<(), AxisError>; 4];
 
     /// Begin homing; the axes are [`AxisState::Unhomed`] until [`DriveEventKind::Homed`] comes. A simulated rig is homed at once.
@@ -117,8 +153,8 @@ impl AxisDrive {
 }
 
 impl Drive for AxisDrive {
-    fn name(&self) -> &str {
-        "simulated"
+    fn name(&self) -> String {
+        "simulated".to_owned()
     }
 
     fn limits(&self) -> [AxisLimits; 4] {

@@ -5,7 +5,6 @@
 //! | [`protocol`], [`lines`], [`meaning`] | what such a controller says, and what its numbers mean |
 //! | [`port`] | the line to it |
 //! | [`driver`] | the [`crate::Drive`] over it, told the time |
-//! | [`runner`] | its thread in real time |
 //! | [`simulated`], [`terminal`] | a simulated controller, in memory and as a serial port |
 
 mod act;
@@ -20,7 +19,6 @@ pub mod meaning;
 pub mod port;
 pub mod protocol;
 mod pursuit;
-pub mod runner;
 pub mod simulated;
 pub mod terminal;
 mod track;
@@ -29,7 +27,6 @@ pub use config::{GrblAxis, GrblConfig, GrblFocus, GrblHoming};
 pub use driver::{GrblCounts, GrblDrive};
 pub use facts::GrblFacts;
 pub use port::{Port, SerialPort};
-pub use runner::GrblRunner;
 pub use simulated::{
     GrblFault, GrblSettings, SharedGrbl, SimulatedGrbl, SimulatedGrblConfig, SimulatedPort, Way,
 };

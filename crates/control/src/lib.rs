@@ -1,7 +1,8 @@
 //! Vergence control: from what is known of a target to motors that keep it at zero parallax.
 //!
 //! The loop calls [`Controller::step`] once per frame and gives its output to four [`Axis`]. [`SimulatedHead`] stands in for the motors: the
-//! twin asks it where the cameras truly stand, the loop only learns what step counters say. Nothing here reads a clock.
+//! twin asks it where the cameras truly stand, the loop only learns what step counters say. Nothing here reads a clock but
+//! [`live`], which drives real motors in real time, and the terminal of the simulated controller ([`grbl`]).
 //!
 //! | module | what |
 //! |---|---|
@@ -14,6 +15,7 @@
 //! | [`mode`] | parallel, converged, shifted, and `auto` |
 //! | [`aim`] | smoothing of pan and tilt |
 //! | [`backlash`] | play: its operator, its compensation, its observer |
+//! | [`gentle`] | moves to given angles: by hand, to the middle, to the parking place |
 //! | [`motion`], [`monitor`] | the trajectory within limits, and who counts |
 //! | [`stepper`], [`head`] | the simulated axes |
 //! | [`linuxcnc`] | LinuxCNC as the controller, over its remote shell |
@@ -26,6 +28,7 @@ pub mod backlash;
 pub mod controller;
 pub mod drive;
 pub mod error;
+pub mod gentle;
 pub mod grbl;
 pub mod head;
 pub mod law;
@@ -43,8 +46,9 @@ pub use aim::AimSmoothing;
 pub use axis::{Axis, AxisError, AxisLimits, AxisName, AxisReading, AxisSetpoint, AxisState};
 pub use backlash::{BacklashCompensator, LoadObserver};
 pub use controller::{AxisCommand, ControlOutput, Controller, Transition};
-pub use drive::{AxisDrive, BoxedDrive, Drive, DriveEvent, DriveEventKind, Link};
+pub use drive::{AxisDrive, BoxedDrive, Drive, DriveEvent, DriveEventKind, DriveEvents, Link};
 pub use error::ControlError;
+pub use gentle::{GentleMove, stands};
 pub use head::{BoxedAxis, HeadConfig, SimulatedHead};
 pub use law::{Nulling, TargetEstimate, shift_px_from_target};
 pub use linuxcnc::{LinuxCncConfig, LinuxCncDrive};

@@ -1,5 +1,6 @@
 //! A real controller beside a run: a thread of its own listens to it all the time, whatever the loop is doing.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -10,6 +11,7 @@ use vergence_geometry::HeadAngles;
 use crate::axis::{AxisError, AxisLimits, AxisName, AxisReading, AxisState};
 use crate::controller::AxisCommand;
 use crate::drive::{BoxedDrive, Drive, DriveEvent, Link};
+use crate::gentle::STANDING_RAD_S;
 
 /// Between two updates: an eighth of what [`Drive`] asks for.
 pub const UPDATE: Duration = Duration::from_micros(2500);
@@ -20,8 +22,11 @@ const SPEED_OVER_S: f64 = 0.1;
 /// Readings are judged when they are this old, s: then they were heard, not extrapolated.
 const JUDGED_S: f64 = 0.1;
 
-/// Updates that an axis may get after the last handle is gone, so that its stop is sent.
-const LAST_UPDATES: u32 = 4;
+/// Axes that were told to stop when the last handle went are looked after for this long at least: a Grbl repeats a cancel after 30 ms, and an
+/// axis that has not begun to move yet seems to stand.
+const STOP_LEAST: Duration = Duration::from_millis(60);
+/// And for this long at most: from full speed they need a third of a second.
+const STOP_MOST: Duration = Duration::from_millis(500);
 
 /// Of two limits by readings: positions may be off by a rounding, rad, speeds by the jitter of the times, 1.
 const POSITION_SLACK_RAD: f64 = 2e-5;
@@ -29,13 +34,13 @@ const POSITION_SLACK_RAD: f64 = 2e-5;
 const SPEED_SLACK: f64 = 1.1;
 
 /// A drive on the machine's own clock: a thread updates it every [`UPDATE`]. Clones are handles on the same drive; when the last one is
-/// dropped the axes are told to hold and the thread ends.
+/// dropped the axes are told to hold, are looked after until they stand (half a second at most), and the thread ends. A panic in the thread
+/// stops the axes as well: the link is then [`Link::Down`] and nothing is commanded any more.
 ///
 /// The times that a caller gives as *now* are not used: the drive's time goes on by itself. Times of setpoints and readings count from
 /// [`Self::begin`], or from the start while that was not called.
 #[derive(Clone)]
 pub struct LiveDrive {
-    name: String,
     shared: Arc<Shared>,
     _thread: Arc<Updating>,
 }
@@ -51,6 +56,8 @@ struct Inner {
     zero_s: f64,
     updated_s: f64,
     figures: LiveFigures,
+    /// When the thread panicked, s.
+    broken_s: Option<f64>,
 }
 
 /// What was seen of a live drive.
@@ -81,7 +88,7 @@ impl Drop for Updating {
             .unwrap_or_else(PoisonError::into_inner)
             .take();
         if let Some(thread) = thread {
-            // A thread that panicked has told so itself.
+            // It catches its panics and tells them as the link.
             let _ = thread.join();
         }
     }
@@ -101,19 +108,18 @@ impl LiveDrive {
                 zero_s: 0.0,
                 updated_s: 0.0,
                 figures: LiveFigures::default(),
+                broken_s: None,
             }),
         });
-        let name = shared.lock().drive.name().to_owned();
         let of_thread = Arc::clone(&shared);
         let thread = std::thread::Builder::new()
             .name("motors".to_owned())
-            .spawn(move || of_thread.work())?;
+            .spawn(move || of_thread.work_guarded())?;
         let thread = Arc::new(Updating {
             shared: Arc::clone(&shared),
             thread: Mutex::new(Some(thread)),
         });
         Ok(Self {
-            name,
             shared,
             _thread: thread,
         })
@@ -151,7 +157,7 @@ impl LiveDrive {
 
 impl Shared {
     fn lock(&self) -> MutexGuard<'_, Inner> {
-        // A drive is whole between calls, so the state behind a poisoned lock is as good as any.
+        // A drive that panicked in mid-call still knows its line, and stopping is what is left to do; all else is refused (`broken_s`).
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -166,9 +172,32 @@ impl Shared {
             due = (due + UPDATE).max(Instant::now());
             std::thread::sleep(due.saturating_duration_since(Instant::now()));
         }
+        self.stop();
+    }
+
+    /// [`Self::work`]; a panic stops the axes and is told by the link.
+    fn work_guarded(&self) {
+        if catch_unwind(AssertUnwindSafe(|| self.work())).is_err() {
+            self.lock().broken_s = Some(self.elapsed_s());
+            // A drive that panics again has sent what it could.
+            let _ = catch_unwind(AssertUnwindSafe(|| self.stop()));
+        }
+    }
+
+    /// Hold, and see to it that the axes stand.
+    fn stop(&self) {
+        // Who is not connected cannot be told; such a controller stops by itself.
         let _ = self.lock().drive.hold(self.elapsed_s());
-        for _ in 0..LAST_UPDATES {
-            self.lock().update(self.elapsed_s());
+        let start = Instant::now();
+        loop {
+            let stands = {
+                let mut inner = self.lock();
+                inner.update(self.elapsed_s());
+                inner.stands(self.elapsed_s())
+            };
+            if start.elapsed() > STOP_MOST || stands && start.elapsed() > STOP_LEAST {
+                return;
+            }
             std::thread::sleep(UPDATE);
         }
     }
@@ -176,15 +205,19 @@ impl Shared {
 
 impl Inner {
     fn update(&mut self, now_s: f64) {
-        self.drive.look(now_s);
+        self.drive.poll(now_s);
         let f = &mut self.figures;
         f.updates += 1;
         f.longest_gap_s = f.longest_gap_s.max(now_s - self.updated_s);
         self.updated_s = now_s;
+        let states = self.drive.states();
         for (axis, limits) in AxisName::ALL.into_iter().zip(self.drive.limits()) {
-            // An axis that is not known yet has nothing to be judged by.
+            // An axis without a zero, or one that is not known yet, has nothing to be judged by.
+            if states[axis.index()] == AxisState::Unhomed {
+                continue;
+            }
             let Ok(now) = self.drive.reading(axis, now_s - JUDGED_S) else {
-                return;
+                continue;
             };
             let p = now.position_rad;
             let (min, max) = (limits.position_min_rad, limits.position_max_rad);
@@ -192,12 +225,31 @@ impl Inner {
                 f.beyond_range += 1;
             }
             let Ok(before) = self.drive.reading(axis, now_s - JUDGED_S - SPEED_OVER_S) else {
-                return;
+                continue;
             };
             let speed = (p - before.position_rad).abs() / SPEED_OVER_S;
             if speed > SPEED_SLACK * limits.velocity_max_rad_s {
                 f.too_fast += 1;
             }
+        }
+    }
+
+    /// Whether no axis is seen to move; one that tells nothing is not waited for.
+    fn stands(&self, now_s: f64) -> bool {
+        AxisName::ALL.into_iter().all(|axis| {
+            let reading = self.drive.reading(axis, now_s);
+            reading.is_ok_and(|r| r.velocity_rad_s.abs() < STANDING_RAD_S) || reading.is_err()
+        })
+    }
+
+    /// Nothing is asked of a drive whose thread has ended by a panic.
+    fn refuse_broken(&self, axis: AxisName) -> Result<(), AxisError> {
+        match self.broken_s {
+            Some(_) => Err(AxisError::NotReady {
+                axis,
+                state: AxisState::Fault,
+            }),
+            None => Ok(()),
         }
     }
 }
@@ -221,8 +273,8 @@ fn shifted(error: AxisError, zero_s: f64) -> AxisError {
 }
 
 impl Drive for LiveDrive {
-    fn name(&self) -> &str {
-        &self.name
+    fn name(&self) -> String {
+        self.shared.lock().drive.name()
     }
 
     fn limits(&self) -> [AxisLimits; 4] {
@@ -232,11 +284,16 @@ impl Drive for LiveDrive {
     fn update(&mut self, _now_s: f64) {
         let mut inner = self.shared.lock();
         let now_s = self.shared.elapsed_s();
-        inner.drive.update(now_s);
+        if inner.broken_s.is_none() {
+            inner.drive.update(now_s);
+        }
     }
 
     fn command(&mut self, commands: &[AxisCommand; 4], _now_s: f64) -> [Result<(), AxisError>; 4] {
         let mut inner = self.shared.lock();
+        if inner.broken_s.is_some() {
+            return AxisName::ALL.map(|axis| inner.refuse_broken(axis));
+        }
         let zero_s = inner.zero_s;
         let shifted_commands = commands.map(|command| match command {
             AxisCommand::Follow(mut setpoint) => {
@@ -252,24 +309,34 @@ impl Drive for LiveDrive {
 
     fn hold(&mut self, _now_s: f64) -> [Result<(), AxisError>; 4] {
         let mut inner = self.shared.lock();
+        if inner.broken_s.is_some() {
+            // The thread has sent all that could be sent.
+            return AxisName::ALL.map(|axis| inner.refuse_broken(axis));
+        }
         let now_s = self.shared.elapsed_s();
         inner.drive.hold(now_s)
     }
 
     fn home(&mut self, _now_s: f64) -> Result<(), AxisError> {
         let mut inner = self.shared.lock();
+        inner.refuse_broken(AxisName::Pan)?;
         let now_s = self.shared.elapsed_s();
         inner.drive.home(now_s)
     }
 
     fn clear(&mut self, _now_s: f64) -> Result<(), AxisError> {
         let mut inner = self.shared.lock();
+        inner.refuse_broken(AxisName::Pan)?;
         let now_s = self.shared.elapsed_s();
         inner.drive.clear(now_s)
     }
 
     fn states(&self) -> [AxisState; 4] {
-        self.shared.lock().drive.states()
+        let inner = self.shared.lock();
+        match inner.broken_s {
+            Some(_) => [AxisState::Fault; 4],
+            None => inner.drive.states(),
+        }
     }
 
     fn reading(&self, axis: AxisName, at_s: f64) -> Result<AxisReading, AxisError> {
@@ -286,6 +353,12 @@ impl Drive for LiveDrive {
 
     fn link(&self) -> Link {
         let inner = self.shared.lock();
+        if let Some(broken_s) = inner.broken_s {
+            return Link::Down {
+                since_s: broken_s - inner.zero_s,
+                reason: "the thread that looks after the motors has failed (a bug) and has told the axes to stop: look at the rig, then start the program anew".to_owned(),
+            };
+        }
         match inner.drive.link() {
             Link::Up { heard_s } => Link::Up {
                 heard_s: heard_s - inner.zero_s,
@@ -346,5 +419,122 @@ mod tests {
             head.with_axis(pan, |a| crate::Axis::state(a)),
             AxisState::Held
         );
+    }
+
+    /// Four axes at a speed that falls by a fifth with each look once they are told to stop; one look may panic.
+    struct Slowing {
+        speed: Arc<Mutex<(f64, bool)>>,
+        looks_left: Option<u32>,
+    }
+
+    impl Slowing {
+        fn new(looks_left: Option<u32>) -> (Self, Arc<Mutex<(f64, bool)>>) {
+            let speed = Arc::new(Mutex::new((1.0, false)));
+            let drive = Self {
+                speed: Arc::clone(&speed),
+                looks_left,
+            };
+            (drive, speed)
+        }
+    }
+
+    impl Drive for Slowing {
+        fn name(&self) -> String {
+            "slowing".to_owned()
+        }
+
+        fn limits(&self) -> [AxisLimits; 4] {
+            HeadConfig::default().limits()
+        }
+
+        fn update(&mut self, _now_s: f64) {
+            let mut speed = self.speed.lock().unwrap();
+            if speed.1 {
+                speed.0 *= 0.8;
+            }
+            drop(speed);
+            if let Some(left) = &mut self.looks_left {
+                assert!(*left > 0, "this drive fails, as the test wants it to");
+                *left -= 1;
+            }
+        }
+
+        fn command(&mut self, _: &[AxisCommand; 4], _: f64) -> [Result<(), AxisError>; 4] {
+            [Ok(()); 4]
+        }
+
+        fn hold(&mut self, _now_s: f64) -> [Result<(), AxisError>; 4] {
+            self.speed.lock().unwrap().1 = true;
+            [Ok(()); 4]
+        }
+
+        fn home(&mut self, _now_s: f64) -> Result<(), AxisError> {
+            Ok(())
+        }
+
+        fn clear(&mut self, _now_s: f64) -> Result<(), AxisError> {
+            Ok(())
+        }
+
+        fn states(&self) -> [AxisState; 4] {
+            [AxisState::Ready; 4]
+        }
+
+        fn reading(&self, _axis: AxisName, at_s: f64) -> Result<AxisReading, AxisError> {
+            Ok(AxisReading {
+                time_s: at_s,
+                position_rad: 0.0,
+                velocity_rad_s: self.speed.lock().unwrap().0,
+            })
+        }
+
+        fn link(&self) -> Link {
+            Link::Up { heard_s: 0.0 }
+        }
+
+        fn take_events(&mut self) -> Vec<DriveEvent> {
+            Vec::new()
+        }
+    }
+
+    /// Axes that need forty looks to stand are given them after the last handle is gone.
+    #[test]
+    fn the_last_stop_is_seen_through() {
+        let (drive, speed) = Slowing::new(None);
+        let live = LiveDrive::start(Box::new(drive)).unwrap();
+        assert!((speed.lock().unwrap().0 - 1.0).abs() < 1e-12);
+        drop(live);
+        let (speed, told) = *speed.lock().unwrap();
+        assert!(told && speed < STANDING_RAD_S, "{speed}");
+    }
+
+    /// A thread that panics stops the axes, and everybody is told.
+    #[test]
+    fn a_panic_stops_the_axes() {
+        let (drive, speed) = Slowing::new(Some(3));
+        let mut live = LiveDrive::start(Box::new(drive)).unwrap();
+        let start = Instant::now();
+        while !matches!(live.link(), Link::Down { .. }) {
+            assert!(start.elapsed() < Duration::from_secs(5), "nobody is told");
+            std::thread::sleep(UPDATE);
+        }
+        let Link::Down { reason, .. } = live.link() else {
+            panic!("it was down a moment ago");
+        };
+        assert!(reason.contains("told the axes to stop"), "{reason}");
+        assert_eq!(live.states(), [AxisState::Fault; 4]);
+        let refused = |r: &Result<(), AxisError>| {
+            let fault = AxisState::Fault;
+            matches!(r, Err(AxisError::NotReady { state, .. }) if *state == fault)
+        };
+        assert!(
+            live.command(&[AxisCommand::Keep; 4], 0.0)
+                .iter()
+                .all(refused)
+        );
+        assert!(refused(&live.home(0.0)) && refused(&live.clear(0.0)));
+        live.update(0.0);
+        drop(live);
+        assert!(speed.lock().unwrap().1, "the axes were not told to stop");
     }
 }

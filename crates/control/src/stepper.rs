@@ -14,8 +14,6 @@ use crate::motion::{Motion, MotionFilter, TICK_S, Target};
 const HISTORY_TICKS: usize = 4096;
 /// Commands on their way at most; more push out the oldest, which is counted.
 const QUEUE_MAX: usize = 256;
-/// A setpoint's time may lie this far from the command's, s.
-const SETPOINT_SPAN_S: f64 = 1.0;
 /// One call advances an axis by at most this much, s.
 const ADVANCE_MAX_S: f64 = 3600.0;
 
@@ -444,24 +442,7 @@ impl Axis for SimulatedAxis {
 
     fn command(&mut self, setpoint: &AxisSetpoint, now_s: f64) -> Result<(), AxisError> {
         let axis = self.name;
-        for value in [
-            now_s,
-            setpoint.time_s,
-            setpoint.position_rad,
-            setpoint.velocity_rad_s,
-        ] {
-            if !value.is_finite() {
-                return Err(AxisError::NotFinite { axis, value });
-            }
-        }
-        if (setpoint.time_s - now_s).abs() > SETPOINT_SPAN_S {
-            return Err(AxisError::OutOfHistory {
-                axis,
-                asked_s: setpoint.time_s,
-                from_s: now_s - SETPOINT_SPAN_S,
-                to_s: now_s + SETPOINT_SPAN_S,
-            });
-        }
+        setpoint.check(axis, now_s)?;
         self.call(now_s)?;
         match self.state {
             AxisState::Ready | AxisState::Held => {

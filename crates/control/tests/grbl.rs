@@ -324,3 +324,52 @@ fn runs_repeat_exactly() {
     };
     assert_eq!(run(), run());
 }
+
+/// The counters jump (the supply dropped, and the greeting afterwards was lost): the zero is lost, and what may be on its way is cancelled.
+#[test]
+fn positions_that_jump_are_lost_and_jogs_cancelled() {
+    // A board without switches is not locked after it has started.
+    let mut board = SimulatedGrblConfig::for_rig(&HeadConfig::default());
+    assert!(board.settings.set(22, 0.0) && board.settings.set(20, 0.0));
+    let by_hand = GrblConfig {
+        homing: GrblHoming::ByHand,
+        ..GrblConfig::default()
+    };
+    let mut rig = Rig::with(board, by_hand);
+    rig.run(1.0, None);
+    rig.drive.home(rig.now_s).unwrap();
+    assert_eq!(rig.drive.states(), [AxisState::Held; 4]);
+    // Far enough from where the counters begin anew that no axis can have come there.
+    let away = |t: f64| [(0.6 * (t - 1.0), 0.6), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)];
+    rig.run(1.5, Some(&away));
+    let cancels = rig.drive.counts().cancels;
+    let now_s = rig.now_s;
+    for fault in [
+        GrblFault::BrownOut { for_s: 0.05 },
+        GrblFault::Lost {
+            way: Way::Out,
+            part: 1.0,
+            until_s: now_s + 0.2,
+        },
+    ] {
+        rig.grbl.lock().fault(fault, now_s);
+    }
+    rig.run(0.4, None);
+    assert_eq!(
+        rig.drive.states(),
+        [AxisState::Unhomed; 4],
+        "{:?}",
+        rig.events
+    );
+    assert!(
+        rig.events
+            .iter()
+            .any(|e| e.text.contains("positions jumped")),
+        "{:?}",
+        rig.events
+    );
+    assert!(
+        rig.drive.counts().cancels > cancels,
+        "nothing was cancelled"
+    );
+}

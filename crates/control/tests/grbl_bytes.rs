@@ -56,6 +56,8 @@ fn bytes() -> impl Strategy<Value = Vec<u8>> {
             "Grbl 1.1h ['$' for help]\r\n",
             "[OPT:V,15,128]\n",
             "[AXS:4:XYZA]\n",
+            "[AXS:26:ABCDEFGHIJKLMNOPQRSTUVWXYZ]\n",
+            "[AXS:9:BCUVWXYZA]\n",
             "$100=",
             "177.778\n",
             "$131=99999999999999999999\n",

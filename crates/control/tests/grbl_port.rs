@@ -8,80 +8,142 @@
 )]
 
 use std::path::Path;
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use vergence_control::grbl::terminal::real_time;
 use vergence_control::grbl::{
-    GrblConfig, GrblDrive, GrblFacts, GrblFault, GrblHoming, GrblRunner, GrblTerminal, Port as _,
-    SerialPort, SharedGrbl, SimulatedGrbl, SimulatedGrblConfig,
+    GrblConfig, GrblDrive, GrblFacts, GrblFault, GrblHoming, GrblTerminal, Port as _, SerialPort,
+    SharedGrbl, SimulatedGrbl, SimulatedGrblConfig,
 };
 use vergence_control::{
-    AxisCommand, AxisConfig, AxisName, AxisSetpoint, AxisState, Drive, DriveEventKind, HeadConfig,
-    Link,
+    AxisCommand, AxisConfig, AxisError, AxisLimits, AxisName, AxisReading, AxisSetpoint, AxisState,
+    Drive, DriveEvent, DriveEventKind, HeadConfig, Link, LiveDrive,
 };
 
 const LOOP: Duration = Duration::from_millis(10);
 
-/// A drive in real time and the clock that it is told.
-struct Live<C: Fn() -> f64> {
-    runner: GrblRunner,
-    clock: C,
+/// The driver, so that what [`Drive`] does not tell can be asked beside the thread.
+#[derive(Clone)]
+struct Seen(Arc<Mutex<GrblDrive>>);
+
+impl Seen {
+    fn lock(&self) -> MutexGuard<'_, GrblDrive> {
+        self.0.lock().unwrap()
+    }
 }
 
-fn live(
-    port: &Path,
-    config: GrblConfig,
-    head: &HeadConfig,
-) -> Live<impl Fn() -> f64 + Clone + Send + 'static> {
-    let clock = real_time();
+impl Drive for Seen {
+    fn name(&self) -> String {
+        self.lock().name()
+    }
+
+    fn limits(&self) -> [AxisLimits; 4] {
+        self.lock().limits()
+    }
+
+    fn update(&mut self, now_s: f64) {
+        self.lock().update(now_s);
+    }
+
+    fn poll(&mut self, now_s: f64) {
+        self.lock().poll(now_s);
+    }
+
+    fn command(&mut self, commands: &[AxisCommand; 4], now_s: f64) -> [Result<(), AxisError>; 4] {
+        self.lock().command(commands, now_s)
+    }
+
+    fn hold(&mut self, now_s: f64) -> [Result<(), AxisError>; 4] {
+        self.lock().hold(now_s)
+    }
+
+    fn home(&mut self, now_s: f64) -> Result<(), AxisError> {
+        self.lock().home(now_s)
+    }
+
+    fn clear(&mut self, now_s: f64) -> Result<(), AxisError> {
+        self.lock().clear(now_s)
+    }
+
+    fn states(&self) -> [AxisState; 4] {
+        self.lock().states()
+    }
+
+    fn reading(&self, axis: AxisName, at_s: f64) -> Result<AxisReading, AxisError> {
+        self.lock().reading(axis, at_s)
+    }
+
+    fn link(&self) -> Link {
+        self.lock().link()
+    }
+
+    fn take_events(&mut self) -> Vec<DriveEvent> {
+        self.lock().take_events()
+    }
+}
+
+/// A drive in real time.
+struct Rig {
+    live: LiveDrive,
+    drive: Seen,
+}
+
+fn live(port: &Path, config: GrblConfig, head: &HeadConfig) -> Rig {
     let port = Box::new(SerialPort::new(port, config.baud));
     let drive = GrblDrive::new(config, head, port, 0.0).unwrap();
-    let runner = GrblRunner::start(drive, clock.clone()).unwrap();
-    Live { runner, clock }
+    let drive = Seen(Arc::new(Mutex::new(drive)));
+    let live = LiveDrive::start(Box::new(drive.clone())).unwrap();
+    Rig { live, drive }
 }
 
-impl<C: Fn() -> f64> Live<C> {
+impl Rig {
     /// Look until something is so; what was told meanwhile when it does not come.
-    fn wait(&mut self, seconds: f64, what: &str, so: impl Fn(&GrblRunner) -> bool) {
-        let until_s = (self.clock)() + seconds;
-        while !so(&self.runner) {
-            let now_s = (self.clock)();
-            self.runner.update(now_s);
+    fn wait(&mut self, seconds: f64, what: &str, so: impl Fn(&Rig) -> bool) {
+        let until_s = self.live.now_s() + seconds;
+        while !so(self) {
+            let now_s = self.live.now_s();
+            self.live.update(now_s);
             let late = now_s > until_s;
             assert!(
                 !late,
                 "{what}: {:?} {:?} {:?}",
-                self.runner.link(),
-                self.runner.states(),
-                self.runner.take_events()
+                self.live.link(),
+                self.live.states(),
+                self.live.take_events()
             );
             std::thread::sleep(LOOP);
         }
     }
 
     fn home(&mut self) {
-        self.wait(10.0, "connected", |r| matches!(r.link(), Link::Up { .. }));
-        self.wait(3.0, "first report", |r| r.lock().machine_state().is_some());
-        let now_s = (self.clock)();
-        self.runner.clear(now_s).unwrap();
-        self.wait(5.0, "released", |r| {
-            r.lock().machine_state() == Some(vergence_control::grbl::protocol::MachineState::Idle)
+        self.wait(10.0, "connected", |r| {
+            matches!(r.live.link(), Link::Up { .. })
         });
-        self.runner.home((self.clock)()).unwrap();
-        self.wait(90.0, "homed", |r| r.states() == [AxisState::Held; 4]);
+        self.wait(3.0, "first report", |r| {
+            r.drive.lock().machine_state().is_some()
+        });
+        let now_s = self.live.now_s();
+        self.live.clear(now_s).unwrap();
+        self.wait(5.0, "released", |r| {
+            r.drive.lock().machine_state()
+                == Some(vergence_control::grbl::protocol::MachineState::Idle)
+        });
+        self.live.home(self.live.now_s()).unwrap();
+        self.wait(90.0, "homed", |r| r.live.states() == [AxisState::Held; 4]);
     }
 
     /// All axes along a path for a while; by how much the readings are off it in the second half, rad.
     fn follow(&mut self, seconds: f64, path: impl Fn(f64) -> (f64, f64)) -> f64 {
-        let start_s = (self.clock)();
+        let start_s = self.live.now_s();
         let mut worst: f64 = 0.0;
         let (mut looks, mut frames) = (0, 0);
         loop {
-            let now_s = (self.clock)();
+            let now_s = self.live.now_s();
             if now_s > start_s + seconds {
                 break;
             }
-            self.runner.update(now_s);
+            self.live.update(now_s);
             if now_s - start_s >= f64::from(frames) / 30.0 {
                 frames += 1;
                 let (position_rad, velocity_rad_s) = path(now_s - start_s + 1.0 / 60.0);
@@ -91,19 +153,19 @@ impl<C: Fn() -> f64> Live<C> {
                     velocity_rad_s,
                 };
                 let results = self
-                    .runner
+                    .live
                     .command(&[AxisCommand::Follow(setpoint); 4], now_s);
                 assert!(
                     results.iter().all(Result::is_ok),
                     "{results:?} {:?}",
-                    self.runner.take_events()
+                    self.live.take_events()
                 );
             }
             if now_s > start_s + seconds / 2.0 {
                 let at_s = now_s - 0.1;
                 for axis in AxisName::ALL {
                     // A machine that is busy with other things may leave a gap in the history.
-                    if let Ok(reading) = self.runner.reading(axis, at_s) {
+                    if let Ok(reading) = self.live.reading(axis, at_s) {
                         let meant = path(at_s - start_s).0;
                         worst = worst.max((reading.position_rad - meant).abs());
                         looks += 1;
@@ -117,11 +179,11 @@ impl<C: Fn() -> f64> Live<C> {
     }
 
     fn stand(&mut self) {
-        let now_s = (self.clock)();
-        assert!(self.runner.hold(now_s).iter().all(Result::is_ok));
+        let now_s = self.live.now_s();
+        assert!(self.live.hold(now_s).iter().all(Result::is_ok));
         self.wait(5.0, "stands", |r| {
-            r.states() == [AxisState::Held; 4]
-                && r.lock().machine_state()
+            r.live.states() == [AxisState::Held; 4]
+                && r.drive.lock().machine_state()
                     == Some(vergence_control::grbl::protocol::MachineState::Idle)
         });
     }
@@ -172,11 +234,11 @@ fn a_controller_behind_a_port() {
         &HeadConfig::default(),
     );
     first.wait(12.0, "answers", |r| {
-        let drive = r.lock();
+        let drive = r.drive.lock();
         matches!(drive.link(), Link::Up { .. }) || !drive.findings().is_empty()
     });
     let (facts, findings) = {
-        let drive = first.runner.lock();
+        let drive = first.drive.lock();
         (drive.facts().clone(), drive.findings().to_vec())
     };
     println!("{}\nwith the default rig: {findings:#?}", facts.summary());
@@ -216,8 +278,8 @@ fn a_controller_behind_a_port() {
     let mut rig = live(Path::new(&port), config, &head_of(&facts));
     rig.home();
     let from = rig
-        .runner
-        .reading(AxisName::Pan, (rig.clock)())
+        .live
+        .reading(AxisName::Pan, rig.live.now_s())
         .unwrap()
         .position_rad
         .min(0.0);
@@ -226,7 +288,7 @@ fn a_controller_behind_a_port() {
     println!(
         "following: {:.3}° at worst; {:?}",
         worst.to_degrees(),
-        rig.runner.lock().counts()
+        rig.drive.lock().counts()
     );
     assert!(worst.to_degrees() < 0.5);
 }
@@ -264,7 +326,7 @@ fn our_own_controller_behind_a_terminal() {
     println!(
         "following: {:.3}° at worst; {:?}",
         worst.to_degrees(),
-        rig.runner.lock().counts()
+        rig.drive.lock().counts()
     );
     rig.stand();
 
@@ -286,7 +348,7 @@ fn our_own_controller_behind_a_terminal() {
         std::thread::sleep(LOOP);
     }
     assert!(
-        rig.runner
+        rig.live
             .take_events()
             .iter()
             .any(|e| e.text.contains("asked for nothing"))
@@ -300,10 +362,10 @@ fn our_own_controller_behind_a_terminal() {
         },
         now_s,
     );
-    rig.wait(5.0, "lost", |r| matches!(r.link(), Link::Down { .. }));
-    rig.wait(8.0, "back", |r| matches!(r.link(), Link::Up { .. }));
-    assert_eq!(rig.runner.states(), [AxisState::Unhomed; 4]);
-    let kinds: Vec<_> = rig.runner.take_events().iter().map(|e| e.kind).collect();
+    rig.wait(5.0, "lost", |r| matches!(r.live.link(), Link::Down { .. }));
+    rig.wait(8.0, "back", |r| matches!(r.live.link(), Link::Up { .. }));
+    assert_eq!(rig.live.states(), [AxisState::Unhomed; 4]);
+    let kinds: Vec<_> = rig.live.take_events().iter().map(|e| e.kind).collect();
     assert!(
         kinds.contains(&DriveEventKind::Lost) && kinds.contains(&DriveEventKind::Back),
         "{kinds:?}"

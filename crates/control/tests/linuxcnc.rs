@@ -76,6 +76,8 @@ impl Rig {
     fn wait(&mut self, what: &str, done: impl Fn(&Rig) -> bool) {
         let start = Instant::now();
         while !done(self) {
+            // A program that waits says that it lives.
+            self.live.update(0.0);
             self.events.extend(self.live.take_events());
             assert!(
                 start.elapsed() < Duration::from_secs(6),
@@ -249,12 +251,11 @@ fn limits_and_numbers() {
         "{bad:?}"
     );
     assert!(rig.in_state(AxisState::Held));
-    assert!(
-        rig.live
-            .take_events()
-            .iter()
-            .all(|e| e.kind != DriveEventKind::Refused)
-    );
+    // A busy machine may keep LinuxCNC from a jog for a while; nothing else is refused.
+    let events = rig.live.take_events();
+    let fine =
+        |e: &DriveEvent| e.kind != DriveEventKind::Refused || e.text.contains("took it late");
+    assert!(events.iter().all(fine), "{events:?}");
     let f = rig.live.figures();
     assert_eq!((f.beyond_range, f.too_fast), (0, 0));
     rig.go([0.0; 4]);
@@ -280,6 +281,64 @@ fn holds_and_the_watchdog() {
         rig.events
     );
     rig.go([0.0; 4]);
+}
+
+/// The process that takes LinuxCNC's commands is kept from its work for a while in mid-motion, as other programs do it on a busy machine: no jog is
+/// lost or counts twice, the axes do not run away, and are on their setpoints again soon.
+#[test]
+fn a_controller_that_is_kept_from_its_work_loses_nothing() {
+    let Ok(task) = std::env::var("LINUXCNC_TASK") else {
+        println!("skipped: LINUXCNC_TASK names no process; see ci/linuxcnc/run");
+        return;
+    };
+    let Some(mut rig) = homed() else { return };
+    let signal = |name: &str| {
+        let status = Command::new("kill").args([name, &task]).status().unwrap();
+        assert!(status.success(), "kill {name} {task}");
+    };
+    let w = std::f64::consts::TAU * 0.4;
+    for stalled_s in [0.15, 0.4] {
+        let (start_s, mut stalled, mut running) = (rig.live.now_s(), false, true);
+        let (mut worst_deg, mut later_deg) = (0.0_f64, 0.0_f64);
+        loop {
+            let t = rig.live.now_s() - start_s;
+            if t > 3.75 {
+                break;
+            }
+            let pan = |t: f64| (10.0 * (1.0 - (w * t).cos()), 10.0 * w * (w * t).sin());
+            let (at, speed) = pan(t);
+            // A controller that does not take jogs does not move; that is told, and the next setpoint is for an axis that is held.
+            let _ = rig.follow([at, 0.0, 0.0, 0.0], [speed, 0.0, 0.0, 0.0]);
+            if t > 0.6 && !stalled {
+                stalled = true;
+                signal("-STOP");
+            }
+            if t > 0.6 + stalled_s && running {
+                running = false;
+                signal("-CONT");
+            }
+            let was_s = rig.live.now_s() - 0.02;
+            if let Ok(angles) = rig.live.angles_at(was_s) {
+                let off = (angles.to_array()[0].to_degrees() - pan(was_s - start_s).0).abs();
+                worst_deg = worst_deg.max(off);
+                if t > 2.5 {
+                    later_deg = later_deg.max(off);
+                }
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        rig.events.extend(rig.live.take_events());
+        println!(
+            "kept from its work for {stalled_s} s: {worst_deg:.2} deg off at worst, {later_deg:.2} deg from 2 s later on; {:?}",
+            rig.events.drain(..).map(|e| e.text).collect::<Vec<_>>()
+        );
+        // The setpoint moves by 25 degrees a second at most, and on while the axis stops, is asked where it stands, and starts again.
+        assert!(worst_deg < 25.0 * (stalled_s + 0.5), "{worst_deg}");
+        assert!(later_deg < 0.5, "{later_deg}");
+        rig.go([0.0; 4]);
+    }
+    let f = rig.live.figures();
+    assert_eq!((f.beyond_range, f.too_fast), (0, 0));
 }
 
 /// The emergency stop puts all axes at fault until a person clears it.

@@ -24,6 +24,13 @@ struct Server {
     homed: bool,
     teleop: bool,
     enabled: bool,
+    joint_fault: bool,
+    never_homes: bool,
+    /// The server waits for the controller: it reads later what it is told meanwhile.
+    waits: bool,
+    /// Jogs are lost on their way to the controller.
+    loses: bool,
+    unread: Vec<String>,
     mode: &'static str,
     error: Option<&'static str>,
     positions: [f64; 4],
@@ -42,6 +49,11 @@ impl Server {
             homed: false,
             teleop: false,
             enabled: false,
+            joint_fault: false,
+            never_homes: false,
+            waits: false,
+            loses: false,
+            unread: Vec::new(),
             mode: "MANUAL",
             error: None,
             positions: [0.0; 4],
@@ -79,11 +91,15 @@ impl Server {
         self.session.tick(self.now_s)?;
         let sent = std::mem::take(self.session.waiting());
         let text = String::from_utf8(sent).unwrap();
-        let mut answer = String::new();
         for line in text.split("\r\n").filter(|l| !l.is_empty()) {
             self.heard.push(line.to_owned());
-            answer += &self.answer(line);
+            self.unread.push(line.to_owned());
         }
+        let lines = match self.waits {
+            true => Vec::new(),
+            false => std::mem::take(&mut self.unread),
+        };
+        let answer: String = lines.iter().map(|line| self.answer(line)).collect();
         if self.answers {
             self.session.received(answer.as_bytes(), self.now_s)?;
         }
@@ -100,8 +116,10 @@ impl Server {
             ["set", "estop", "off"] => self.estop = false,
             ["set", "machine", "on"] => self.machine = !self.estop,
             ["set", "mode", "manual"] => self.mode = "MANUAL",
-            ["set", "home", "-1"] => self.homed = true,
+            ["set", "home", "-1"] => self.homed = !self.never_homes,
+            ["set", "wait", "received"] | ["set", "jog_stop", _] => {}
             ["set", "teleop_enable", state] => self.teleop = state == "on" && self.homed,
+            ["set", "jog_incr", ..] if self.loses => {}
             ["set", "jog_incr", letter, _, increment] => {
                 let axis = "XYZA".find(letter).unwrap();
                 self.positions[axis] += increment.parse::<f64>().unwrap();
@@ -115,7 +133,10 @@ impl Server {
                 let h = yes(self.homed);
                 return format!("JOINT_HOMED {h} {h} {h} {h} NO NO\r\n");
             }
-            ["get", "joint_fault"] => return "JOINT_FAULT OK OK OK OK OK OK\r\n".to_owned(),
+            ["get", "joint_fault"] => {
+                let f = if self.joint_fault { "FAULT" } else { "OK" };
+                return format!("JOINT_FAULT OK {f} OK OK OK OK\r\n");
+            }
             ["get", "error"] => {
                 return format!("ERROR {}\r\n", self.error.take().unwrap_or("OK"));
             }
@@ -229,11 +250,15 @@ fn a_number_that_is_none_stops_all() {
 #[test]
 fn faults_stay_until_cleared() {
     type Cause = fn(&mut Server);
-    let causes: [(Cause, &str); 4] = [
+    let causes: [(Cause, &str); 5] = [
         (|s| s.machine = false, "switched the machine off"),
         (|s| s.estop = true, "emergency stop"),
         (|s| s.mode = "MDI", "mode MDI"),
         (|s| s.enabled = false, "another program has taken control"),
+        (
+            |s| s.joint_fault = true,
+            "a fault of the joint of axis Tilt",
+        ),
     ];
     for (cause, text) in causes {
         let mut server = Server::homed();
@@ -247,6 +272,7 @@ fn faults_stay_until_cleared() {
         server.heard.clear();
         // The cause goes away by itself: that releases nothing.
         (server.machine, server.estop, server.mode, server.enabled) = (true, false, "MANUAL", true);
+        server.joint_fault = false;
         server.run(0.3);
         assert_eq!(server.session.states(), [AxisState::Fault; 4], "{text}");
         assert!(
@@ -293,6 +319,81 @@ fn the_watchdog_stops() {
     assert_eq!(server.session.states(), [AxisState::Held; 4]);
     assert_eq!(server.follow(0.2), [Ok(()); 4]);
     assert_eq!(server.session.states(), [AxisState::Ready; 4]);
+}
+
+/// An axis that does not move as it is asked to is stopped, and the server is to wait until the controller has taken all that was sent; while it
+/// does, it answers nothing, gets no jogs, and positions that come late are not taken for those of when they were asked for.
+#[test]
+fn lost_jogs_are_noticed_and_waited_for() {
+    let mut server = Server::homed();
+    server.heard.clear();
+    server.loses = true;
+    for i in 0..6 {
+        let _ = server.follow(0.5 + 0.02 * f64::from(i));
+        server.run(0.033);
+    }
+    let waits = server.heard.iter().position(|l| l == "set wait received");
+    let stop = waits.map(|i| server.heard[i - 1].clone());
+    assert_eq!(
+        stop.as_deref(),
+        Some("set jog_stop X"),
+        "{:?}",
+        server.heard
+    );
+    assert!(server.said(DriveEventKind::Refused, "lost a jog of axis Pan"));
+    server.loses = false;
+    for _ in 0..20 {
+        assert_eq!(server.follow(0.7), [Ok(()); 4]);
+        server.run(0.033);
+    }
+    let there = server.positions.iter().all(|p| (p - 0.7).abs() < 1e-6);
+    assert!(there, "{:?}", server.positions);
+    // A standing axis; the controller takes nothing for a while.
+    server.run(0.2);
+    let (before_s, before_deg) = (server.now_s, server.positions[0]);
+    server.waits = true;
+    server.heard.clear();
+    for i in 0..5 {
+        let _ = server.follow(5.0 + f64::from(i));
+        server.run(0.03);
+    }
+    let jogs = |s: &Server| s.heard.iter().filter(|l| l.contains("jog_incr X")).count();
+    assert!(jogs(&server) <= 3, "{:?}", server.heard);
+    server.positions[0] = before_deg + 3.0;
+    server.waits = false;
+    server.run(0.1);
+    let at = |s: f64| {
+        server
+            .session
+            .reading(AxisName::Pan, s)
+            .unwrap()
+            .position_rad
+            .to_degrees()
+    };
+    // Between what was heard before and after; not yet where it has come to since.
+    let moved_deg = at(server.now_s - 0.02) - before_deg;
+    let early_deg = at(before_s + 0.01) - before_deg;
+    assert!(
+        moved_deg > 4.0 && early_deg.abs() < 0.4 * moved_deg,
+        "{early_deg} of {moved_deg}"
+    );
+}
+
+/// Homing goes on while the program lives, and is stopped when it says nothing for a second, whatever the thread beside it does.
+#[test]
+fn the_watchdog_stops_homing() {
+    let mut server = Server::homed();
+    server.never_homes = true;
+    server.session.home(server.now_s).unwrap();
+    for _ in 0..40 {
+        server.session.alive(server.now_s);
+        server.run(0.05);
+    }
+    assert_eq!(server.session.states(), [AxisState::Unhomed; 4]);
+    assert!(!server.heard.iter().any(|l| l == "set abort"));
+    server.run(1.1);
+    assert!(server.heard.iter().any(|l| l == "set abort"));
+    assert!(server.said(DriveEventKind::Note, "homing was stopped"));
 }
 
 /// An error in mid-homing ends it.

@@ -66,7 +66,7 @@ struct TapedDrive {
 }
 
 impl Drive for TapedDrive {
-    fn name(&self) -> &str {
+    fn name(&self) -> String {
         self.drive.name()
     }
 
@@ -199,8 +199,8 @@ impl ReplayDrive {
 }
 
 impl Drive for ReplayDrive {
-    fn name(&self) -> &str {
-        "recorded"
+    fn name(&self) -> String {
+        "recorded".to_owned()
     }
 
     fn limits(&self) -> [AxisLimits; 4] {

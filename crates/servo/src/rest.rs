@@ -3,8 +3,7 @@
 use serde::Serialize;
 use vergence_capture::Clock;
 use vergence_control::{
-    AxisCommand, AxisError, AxisName, AxisSetpoint, AxisState, ControlSettings, Drive,
-    MINIMUM_JERK_PEAK, minimum_jerk,
+    AxisError, AxisName, AxisState, ControlSettings, Drive, GentleMove, stands,
 };
 
 /// Between two looks at the axes, s: well within the time after which an axis that hears nothing holds by itself.
@@ -15,9 +14,6 @@ const STOP_MOST_S: f64 = 3.0;
 
 /// Time that parking may take, s: from the end of the vergence range it takes nine.
 const PARK_MOST_S: f64 = 12.0;
-
-/// Slower than this is standing, rad/s (0.0006°/s).
-const STANDING_RAD_S: f64 = 1e-5;
 
 /// How the axes were left.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -75,14 +71,6 @@ fn stop(drive: &mut dyn Drive, clock: &mut impl Clock, faults: &mut Vec<String>)
     }
 }
 
-/// Whether all four axes stand.
-fn stands(drive: &dyn Drive, now_s: f64) -> bool {
-    AxisName::ALL.into_iter().all(|axis| {
-        let reading = drive.reading(axis, now_s);
-        reading.is_ok_and(|r| r.velocity_rad_s.abs() < STANDING_RAD_S)
-    })
-}
-
 /// Move the vergence axes slowly to the park angle; `false` when one cannot or the time is over.
 fn park(
     drive: &mut dyn Drive,
@@ -92,7 +80,7 @@ fn park(
     faults: &mut Vec<String>,
 ) -> bool {
     let start_s = clock.now_s();
-    let mut ways = Vec::new();
+    let mut goals_rad = [None; 4];
     for (name, goal_rad) in [
         (AxisName::LeftVergence, settings.park_vergence_rad),
         (AxisName::RightVergence, -settings.park_vergence_rad),
@@ -103,39 +91,29 @@ fn park(
         ) {
             return false;
         }
-        match drive.reading(name, start_s) {
-            Ok(reading) => ways.push((name, reading.position_rad, goal_rad)),
-            Err(error) => {
-                note(faults, Err(error));
-                return false;
-            }
-        }
+        goals_rad[name.index()] = Some(goal_rad);
     }
-    let longest = ways.iter().map(|(_, from, to)| (to - from).abs());
-    let longest = longest.fold(0.0, f64::max);
-    let duration_s = (MINIMUM_JERK_PEAK * longest / settings.park_speed_rad_s).max(LOOK_S);
-    if duration_s > PARK_MOST_S {
+    let speeds_rad_s = [settings.park_speed_rad_s; 4];
+    let way = match GentleMove::new(drive, goals_rad, speeds_rad_s, start_s) {
+        Ok(way) => way,
+        Err(error) => {
+            note(faults, Err(error));
+            return false;
+        }
+    };
+    if way.duration_s() > PARK_MOST_S {
         return false;
     }
     while may_park() {
         // For the next look, so that the axis is on its way there when it comes.
         let at_s = clock.now_s() + LOOK_S;
-        let (part, slope) = minimum_jerk((at_s - start_s) / duration_s);
-        let mut commands = [AxisCommand::Keep; 4];
-        for (name, from, to) in &ways {
-            let setpoint = AxisSetpoint {
-                time_s: at_s,
-                position_rad: from + (to - from) * part,
-                velocity_rad_s: (to - from) * slope / duration_s,
-            };
-            commands[name.index()] = AxisCommand::Follow(setpoint);
-        }
+        let commands = way.commands(at_s);
         drive.update(clock.now_s());
         let answers = drive.command(&commands, clock.now_s());
         if answers.into_iter().any(|answer| note(faults, answer)) {
             return false;
         }
-        if clock.now_s() > start_s + duration_s + 2.0 * LOOK_S {
+        if way.is_over(clock.now_s() - 2.0 * LOOK_S) {
             return true;
         }
         clock.sleep_until(at_s);
@@ -161,7 +139,8 @@ mod tests {
     //! when both vergence axes answer. Says nothing of real motors.
     use super::*;
     use vergence_capture::SimulatedClock;
-    use vergence_control::{BoxedDrive, HeadConfig, SimulatedHead};
+    use vergence_control::gentle::STANDING_RAD_S;
+    use vergence_control::{AxisSetpoint, BoxedDrive, HeadConfig, SimulatedHead};
 
     /// A head whose four axes move, at the time of the clock.
     fn moving() -> (SimulatedHead, BoxedDrive, SimulatedClock) {

@@ -33,8 +33,8 @@ struct Said {
 struct Obedient(Arc<Mutex<Said>>);
 
 impl Drive for Obedient {
-    fn name(&self) -> &str {
-        "obedient"
+    fn name(&self) -> String {
+        "obedient".to_owned()
     }
 
     fn limits(&self) -> [AxisLimits; 4] {

@@ -91,7 +91,6 @@ fn locked<T: ?Sized>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// The driver as the loop holds it: the same that the world polls, as the program's own thread would.
 struct Handle {
     drive: Arc<Mutex<GrblDrive>>,
-    name: String,
     /// The axis whose readings are not numbers now.
     nan: Arc<Mutex<Option<AxisName>>>,
     bug: Option<Bug>,
@@ -112,8 +111,8 @@ impl Handle {
 }
 
 impl Drive for Handle {
-    fn name(&self) -> &str {
-        &self.name
+    fn name(&self) -> String {
+        locked(&self.drive).name()
     }
 
     fn limits(&self) -> [AxisLimits; 4] {
@@ -247,7 +246,6 @@ impl Machine {
     /// What the loop gets.
     pub(crate) fn drive(&self) -> BoxedDrive {
         Box::new(Handle {
-            name: locked(&self.drive).name().to_owned(),
             drive: self.drive.clone(),
             nan: self.nan.clone(),
             bug: self.bug,

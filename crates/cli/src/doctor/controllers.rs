@@ -4,9 +4,10 @@ use std::net::{SocketAddr, TcpStream};
 use std::time::Duration;
 
 use vergence_control::linuxcnc::PORT;
-use vergence_control::{AxisName, AxisState, Drive as _, HeadConfig};
+use vergence_control::{AxisName, AxisState, Drive as _};
 
 use crate::motors::{MotorsSpec, axis_word, state_word};
+use crate::settings::Settings;
 
 use super::serial::SerialPort;
 use super::{Check, Status};
@@ -18,23 +19,23 @@ const CONNECT: Duration = Duration::from_millis(300);
 
 pub(crate) fn checks(
     spec: &MotorsSpec,
-    head: &HeadConfig,
+    settings: &Settings,
     ports: &[SerialPort],
     probe: bool,
 ) -> Vec<Check> {
     let mut checks = Vec::new();
     if *spec != MotorsSpec::Simulated {
-        checks.push(asked(spec, head, Status::Wrong));
+        checks.push(asked(spec, settings, Status::Wrong));
     }
     let local = MotorsSpec::LinuxCnc(format!("127.0.0.1:{PORT}"));
     if *spec != local && listens() {
-        checks.push(asked(&local, head, Status::Note));
+        checks.push(asked(&local, settings, Status::Note));
     }
     if probe {
         for port in ports {
             let at = MotorsSpec::Grbl(port.path.display().to_string());
             if at != *spec {
-                checks.push(asked(&at, head, Status::Note));
+                checks.push(asked(&at, settings, Status::Note));
             }
         }
     }
@@ -56,9 +57,9 @@ fn listens() -> bool {
 }
 
 /// What a controller says of itself; `absent` is the status of one that does not answer.
-fn asked(spec: &MotorsSpec, head: &HeadConfig, absent: Status) -> Check {
+fn asked(spec: &MotorsSpec, settings: &Settings, absent: Status) -> Check {
     let item = spec.text();
-    let live = match spec.open(head) {
+    let live = match spec.open(settings) {
         Ok(live) => live,
         Err(error) => {
             let prefix = format!("{item}: ");
@@ -69,7 +70,7 @@ fn asked(spec: &MotorsSpec, head: &HeadConfig, absent: Status) -> Check {
         }
     };
     let (states, limits) = (live.states(), live.limits());
-    let mut parts = vec![live.name().to_owned()];
+    let mut parts = vec![live.name()];
     for axis in AxisName::ALL {
         let l = limits[axis.index()];
         let place = live

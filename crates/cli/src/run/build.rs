@@ -193,7 +193,7 @@ fn twin(
 
 /// The controller that the settings name, ready to move; `None` for the simulated axes.
 fn live_motors(args: &RunArgs, settings: &Settings) -> anyhow::Result<Option<Live>> {
-    let spec = MotorsSpec::from_text(settings.word("motors.controller"))?;
+    let spec = MotorsSpec::from_settings(settings)?;
     if spec == MotorsSpec::Simulated {
         if args.home {
             return Err(
@@ -214,7 +214,7 @@ fn live_motors(args: &RunArgs, settings: &Settings) -> anyhow::Result<Option<Liv
             );
         }
     }
-    let drive = spec.open(&crate::twin::config(settings)?.head)?;
+    let drive = spec.open(settings)?;
     for (axis, state) in AxisName::ALL.into_iter().zip(drive.states()) {
         let unhomed = state == AxisState::Unhomed && !args.home;
         if unhomed || state == AxisState::Fault {

@@ -77,6 +77,11 @@ pub(crate) const SECTIONS: &[(&str, &str)] = &[
     ("motors.tilt", "The tilt axis; angles at the output of its gear."),
     ("motors.vergence", "The vergence axis of each camera, + towards the other one; angles at the output of its gear."),
     ("motors.home", "What the simulated motors' zero is off by; the controller does not know it."),
+    ("motors.grbl", "A Grbl controller, where motors.controller names one."),
+    ("motors.grbl.pan", "The controller's axis that turns pan."),
+    ("motors.grbl.tilt", "The controller's axis that turns tilt."),
+    ("motors.grbl.left", "The controller's axis that turns the left camera."),
+    ("motors.grbl.right", "The controller's axis that turns the right camera."),
     ("run", "What `vergence run` does."),
     ("record", "What `vergence run` records in recording.mcap."),
     ("run.knock", "Something that hits the simulated right camera in mid-run; the loop is not told."),
@@ -177,6 +182,39 @@ const HOME: &[Key] = &[
 ];
 
 #[rustfmt::skip]
+const GRBL: &[Key] = &[
+    other("motors.grbl", "baud", Count, "115200", Within(300.0, 4e6), "Bits a second of its line."),
+    other("motors.grbl", "homing", Choice(&["switches", "by_hand"]), "switches", Any, "How its axes get their zero; by_hand: they were turned there, and homing takes where they stand."),
+    other("motors.grbl", "reset_on_connect", Switch, "false", Any, "Reset a controller that neither greets nor answers."),
+    quantity("motors.grbl", "silence", Time, "0.5 s", Within(0.1, 10.0), "Without a word for this long the line counts as lost."),
+    quantity("motors.grbl", "watchdog", Time, "0.25 s", Within(0.05, 5.0), "A program that asks for nothing for this long is taken for stalled: the axes stop."),
+    quantity("motors.grbl", "setpoint", Time, "0.25 s", Within(0.05, 1.0), "A setpoint is followed for this long."),
+    quantity("motors.grbl", "ahead", Time, "75 ms", Within(0.05, 0.5), "Motion kept on its way to the controller at low speed; a change of speed comes late by it."),
+    quantity("motors.grbl", "homing_time", Time, "90 s", Within(1.0, 600.0), "Homing may take this long."),
+];
+
+/// What is said of one axis of a Grbl controller.
+macro_rules! grbl_axis {
+    ($section:literal, $letter:literal) => {
+        &[
+            other($section, "letter", Choice(&["X", "Y", "Z", "A", "B", "C"]), $letter, Any, "Its letter at the controller."),
+            other($section, "inverted", Switch, "false", Any, "Whether the controller counts up when our angle goes down."),
+            quantity($section, "units_per_degree", Number, "1", Positive, "Units of the controller for a degree; 1 when its settings are in degrees."),
+            other($section, "zero", QuantityOrAuto(Number), "auto", Any, "Machine position where our angle is zero, units. auto: the axis' range lies in the middle of the controller's travel."),
+        ]
+    };
+}
+
+#[rustfmt::skip]
+const GRBL_PAN: &[Key] = grbl_axis!("motors.grbl.pan", "X");
+#[rustfmt::skip]
+const GRBL_TILT: &[Key] = grbl_axis!("motors.grbl.tilt", "Y");
+#[rustfmt::skip]
+const GRBL_LEFT: &[Key] = grbl_axis!("motors.grbl.left", "Z");
+#[rustfmt::skip]
+const GRBL_RIGHT: &[Key] = grbl_axis!("motors.grbl.right", "A");
+
+#[rustfmt::skip]
 const RIG: &[Key] = &[
     quantity("rig", "interaxial", Length, "70 mm", Positive, "Distance of the two vergence pivots, the base t of the cameras."),
     quantity("rig", "pupil", Length, "0 mm", FromZero, "How far the lens centre lies in front of its pivot, on the optical axis."),
@@ -263,7 +301,8 @@ const KNOCK: &[Key] = &[
 /// All keys in the order of printing.
 pub(crate) fn all() -> impl Iterator<Item = &'static Key> {
     [
-        RIG, CAMERA, SCREEN, PLAN, MOTORS, PAN, TILT, VERGENCE, HOME, RUN, RECORD, KNOCK,
+        RIG, CAMERA, SCREEN, PLAN, MOTORS, PAN, TILT, VERGENCE, HOME, GRBL, GRBL_PAN, GRBL_TILT,
+        GRBL_LEFT, GRBL_RIGHT, RUN, RECORD, KNOCK,
     ]
     .into_iter()
     .flatten()

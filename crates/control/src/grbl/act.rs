@@ -1,9 +1,9 @@
 //! What the driver does in an update: time-outs, jogs, homing, releasing faults, writing.
 
 use crate::axis::{AxisError, AxisName};
-use crate::drive::{Drive as _, DriveEventKind, Link};
+use crate::drive::{Drive as _, DriveEventKind, HOMING_WATCHDOG_S, Link};
 use crate::grbl::config::GrblHoming;
-use crate::grbl::driver::{Clearing, GrblDrive, HOMING_WATCHDOG_S, Homing, Phase};
+use crate::grbl::driver::{Clearing, GrblDrive, Homing, Phase};
 use crate::grbl::flow::Purpose;
 use crate::grbl::protocol::{MachineState, SOFT_RESET};
 use crate::grbl::pursuit::Pursuit;

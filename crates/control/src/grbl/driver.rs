@@ -1,7 +1,7 @@
 //! The driver: a [`Drive`] over a [`Port`] with a Grbl 1.1 or grblHAL behind it.
 //!
 //! It owns no thread and no clock: every call says what time it is, and in [`Drive::update`] it reads what came in and writes what is due.
-//! [`crate::grbl::GrblRunner`] calls it in real time.
+//! [`crate::LiveDrive`] calls it in real time.
 //!
 //! ```text
 //!            opened            welcome or report          $I $$ $G answered, rig fits
@@ -20,7 +20,7 @@ use std::collections::VecDeque;
 
 use crate::axis::{AxisError, AxisLimits, AxisName, AxisReading, AxisSetpoint, AxisState};
 use crate::controller::AxisCommand;
-use crate::drive::{Drive, DriveEvent, DriveEventKind, Link};
+use crate::drive::{Drive, DriveEvent, DriveEventKind, DriveEvents, Link};
 use crate::error::ControlError;
 use crate::grbl::config::GrblConfig;
 use crate::grbl::connect::Ask;
@@ -35,14 +35,10 @@ use crate::head::HeadConfig;
 
 /// Characters of a receive buffer that does not tell its size: Grbl's on an AVR.
 pub(crate) const RX_BUFFER: usize = 128;
-/// Events kept.
-const EVENTS_MAX: usize = 64;
-/// A setpoint's time may lie this far from the command's, s.
-const SETPOINT_SPAN_S: f64 = 1.0;
 /// Polled less often than this, the driver does not know how long its controller was silent, s.
 const UNHEARD_S: f64 = 0.1;
-/// Homing is not stopped before the program has been silent for this long, s.
-pub(crate) const HOMING_WATCHDOG_S: f64 = 1.0;
+/// Between two looks at the port at most, s: what is asked of whoever calls.
+const LOOK_MOST_S: f64 = 0.02;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Phase {
@@ -145,7 +141,7 @@ pub struct GrblDrive {
     pub(crate) mute: bool,
     pub(crate) alive_s: f64,
     pub(crate) counts: GrblCounts,
-    events: VecDeque<DriveEvent>,
+    events: DriveEvents,
 }
 
 impl GrblDrive {
@@ -181,7 +177,7 @@ impl GrblDrive {
             offset: None,
             asks: VecDeque::new(),
             asks_doubtful: false,
-            usual_s: 0.02,
+            usual_s: crate::grbl::listen::USUAL_S,
             ask_next_s: now_s,
             reported: None,
             doubtful: None,
@@ -200,7 +196,7 @@ impl GrblDrive {
             mute: false,
             alive_s: now_s,
             counts: GrblCounts::default(),
-            events: VecDeque::new(),
+            events: DriveEvents::default(),
         })
     }
 
@@ -232,12 +228,6 @@ impl GrblDrive {
         }
     }
 
-    /// The rig's angles at these machine positions of the controller's axes, rad; `None` before a controller is known that fits.
-    pub fn angles(&self, machine: &[f64; AXES_MAX]) -> Option<[f64; 4]> {
-        let fit = self.fit.as_ref()?;
-        Some([0, 1, 2, 3].map(|i| fit.axes[i].angle(machine[fit.axes[i].place])))
-    }
-
     /// Turn the focus to a part of its way, 0 to 1; refused (`false`) without a focus axis or homing, or when it is no number.
     pub fn focus(&mut self, part: f64) -> bool {
         let at = self.fit.as_ref().and_then(|f| f.axes.get(4));
@@ -250,42 +240,8 @@ impl GrblDrive {
         }
     }
 
-    /// Read, think, write: what [`Drive::update`] does, without being a sign of life of the loop. The thread of
-    /// [`crate::grbl::GrblRunner`] calls it.
-    pub fn poll(&mut self, now_s: f64) {
-        if now_s.is_finite() {
-            // The loop's calls come between those of the thread: what is read at once has come in just now.
-            self.looked_s = (now_s - self.now_s).clamp(0.0, 0.02);
-            // While nobody listened (the program stalled, or its clock jumped ahead) the controller cannot be called silent.
-            let unheard_s = now_s - self.now_s;
-            if unheard_s > UNHEARD_S {
-                self.heard_s += unheard_s;
-            }
-            self.now_s = self.now_s.max(now_s);
-        }
-        if !self.open_when_due() {
-            return;
-        }
-        self.listen();
-        match self.phase {
-            Phase::Closed { .. } => return,
-            Phase::Greeting { .. } => self.greet(),
-            Phase::Asking { .. } => self.ask(),
-            Phase::Running | Phase::Misfit => self.run(),
-        }
-        self.ask_status();
-        self.flush();
-    }
-
     pub(crate) fn tell(&mut self, kind: DriveEventKind, text: impl Into<String>) {
-        if self.events.len() == EVENTS_MAX {
-            self.events.pop_front();
-        }
-        self.events.push_back(DriveEvent {
-            time_s: self.now_s,
-            kind,
-            text: text.into(),
-        });
+        self.events.push(self.now_s, kind, text.into());
     }
 
     /// Stop the jog and forget what is wished; whatever can be sent is sent.
@@ -351,24 +307,8 @@ impl GrblDrive {
         axis: AxisName,
         setpoint: &AxisSetpoint,
     ) -> Result<Wish, AxisError> {
-        for value in [
-            setpoint.time_s,
-            setpoint.position_rad,
-            setpoint.velocity_rad_s,
-        ] {
-            if !value.is_finite() {
-                return Err(AxisError::NotFinite { axis, value });
-            }
-        }
         let now_s = self.now_s;
-        if (setpoint.time_s - now_s).abs() > SETPOINT_SPAN_S {
-            return Err(AxisError::OutOfHistory {
-                axis,
-                asked_s: setpoint.time_s,
-                from_s: now_s - SETPOINT_SPAN_S,
-                to_s: now_s + SETPOINT_SPAN_S,
-            });
-        }
+        setpoint.check(axis, now_s)?;
         let state = self.state_of(axis.index());
         match (&self.fit, state) {
             (Some(fit), AxisState::Ready | AxisState::Held) => {
@@ -387,8 +327,8 @@ impl GrblDrive {
 }
 
 impl Drive for GrblDrive {
-    fn name(&self) -> &str {
-        &self.name
+    fn name(&self) -> String {
+        self.name.clone()
     }
 
     fn limits(&self) -> [AxisLimits; 4] {
@@ -405,9 +345,29 @@ impl Drive for GrblDrive {
         self.poll(now_s);
     }
 
-    fn look(&mut self, now_s: f64) {
-        self.check_watchdog(now_s);
-        self.poll(now_s);
+    fn poll(&mut self, now_s: f64) {
+        if now_s.is_finite() {
+            // The loop's calls come between those of a thread beside it: what is read at once has come in just now.
+            self.looked_s = (now_s - self.now_s).clamp(0.0, LOOK_MOST_S);
+            // While nobody listened (the program stalled, or its clock jumped ahead) the controller cannot be called silent.
+            let unheard_s = now_s - self.now_s;
+            if unheard_s > UNHEARD_S {
+                self.heard_s += unheard_s;
+            }
+            self.now_s = self.now_s.max(now_s);
+        }
+        if !self.open_when_due() {
+            return;
+        }
+        self.listen();
+        match self.phase {
+            Phase::Closed { .. } => return,
+            Phase::Greeting { .. } => self.greet(),
+            Phase::Asking { .. } => self.ask(),
+            Phase::Running | Phase::Misfit => self.run(),
+        }
+        self.ask_status();
+        self.flush();
     }
 
     fn command(&mut self, commands: &[AxisCommand; 4], now_s: f64) -> [Result<(), AxisError>; 4] {
@@ -442,9 +402,11 @@ impl Drive for GrblDrive {
                 }
             }
         }
-        // A new setpoint is worth sending now, not at the next update.
-        self.run();
-        self.flush();
+        if self.phase == Phase::Running {
+            // A new setpoint is worth sending now, not at the next update.
+            self.run();
+            self.flush();
+        }
         results
     }
 
@@ -507,7 +469,7 @@ impl Drive for GrblDrive {
     }
 
     fn take_events(&mut self) -> Vec<DriveEvent> {
-        self.events.drain(..).collect()
+        self.events.take()
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::axis::{AxisLimits, AxisName};
 use crate::grbl::config::{GrblAxis, GrblConfig, GrblHoming};
-use crate::grbl::protocol::{AXIS_LETTERS, BuildOptions};
+use crate::grbl::protocol::{AXES_MAX, AXIS_LETTERS, BuildOptions};
 use crate::head::HeadConfig;
 use crate::stepper::AxisConfig;
 
@@ -91,7 +91,8 @@ impl GrblFacts {
 
     /// Place of an axis letter in the controller's reports.
     pub(crate) fn place(&self, letter: char) -> Option<usize> {
-        self.axis_letters().chars().position(|l| l == letter)
+        let letters = self.axis_letters();
+        letters.chars().take(AXES_MAX).position(|l| l == letter)
     }
 
     /// Lowest and highest machine position of an axis: Grbl homes to one end and counts down from 0 there, or from where the switch

@@ -13,6 +13,21 @@ use crate::grbl::track;
 const DOUBT_S: f64 = 0.05;
 /// Bytes read in one update at most: 0.3 s of the line.
 const READ_MAX: usize = 4096;
+/// Answers to requests are taken to come after this, s, until they were heard: as Grbl's do at 115200 baud.
+pub(crate) const USUAL_S: f64 = 0.02;
+/// How much a new answer counts for the usual time.
+const USUAL_PART: f64 = 0.2;
+/// An axis can have come this part further than its speed allows, and as if it had had this much more time, s: reports are stamped to some
+/// hundredths of a second.
+const FURTHER: f64 = 1.2;
+/// See [`FURTHER`].
+const STAMP_S: f64 = 0.05;
+/// And by so many of its steps, and so many units: reports are rounded to thousandths.
+const ROUNDED_STEPS: f64 = 4.0;
+/// See [`ROUNDED_STEPS`].
+const ROUNDED: f64 = 0.01;
+/// Releasing takes this long at most, s: a board greets two seconds after a reset.
+const RELEASE_S: f64 = 4.0;
 /// A report that took longer than this says too little of where a moving axis is, s.
 const REPORT_LATE_S: f64 = 0.15;
 
@@ -109,7 +124,7 @@ impl GrblDrive {
                 self.doubtful = None;
                 self.reported = None;
                 self.asks.clear();
-                self.usual_s = 0.02;
+                self.usual_s = USUAL_S;
                 self.ask_next_s = self.now_s;
             }
             (Err(code), homing) => {
@@ -173,7 +188,7 @@ impl GrblDrive {
         let only = self.asks.is_empty();
         let certain = only && !self.asks_doubtful;
         if only {
-            self.usual_s += 0.2 * (self.now_s - asked_s - self.usual_s);
+            self.usual_s += USUAL_PART * (self.now_s - asked_s - self.usual_s);
         } else {
             // Which of the two was answered shows in a moment.
             self.ask_next_s = self.now_s + DOUBT_S;
@@ -284,8 +299,9 @@ impl GrblDrive {
         };
         let reachable = |from_s: f64, from: &Values| {
             fit.axes.iter().enumerate().all(|(i, axis)| {
-                let way =
-                    axis.speed * (1.2 * (at_s - from_s).abs() + 0.05) + 4.0 * axis.step + 0.01;
+                let way = axis.speed * (FURTHER * (at_s - from_s).abs() + STAMP_S)
+                    + ROUNDED_STEPS * axis.step
+                    + ROUNDED;
                 (units[i] - from[i]).abs() <= way
             })
         };
@@ -302,8 +318,8 @@ impl GrblDrive {
             return false;
         }
         let homed = self.homed;
-        self.begin_cancel();
         self.lose_position();
+        self.begin_cancel();
         if homed {
             self.tell(
                 DriveEventKind::Alarm,
@@ -384,7 +400,7 @@ impl GrblDrive {
         else {
             return;
         };
-        if self.now_s - since_s > 4.0 {
+        if self.now_s - since_s > RELEASE_S {
             self.clearing = None;
             self.tell(
                 DriveEventKind::Refused,

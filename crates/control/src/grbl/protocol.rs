@@ -187,8 +187,9 @@ fn feedback(inside: &str) -> Option<Line<'_>> {
         "GC" => Line::Modes(value),
         "AXS" => {
             let (count, letters) = value.split_once(':')?;
-            let good = usize::from(code_from(count)?) == letters.len() && letters.len() <= 26;
-            return good.then_some(Line::Axes(letters));
+            let named = letters.bytes().all(|b| b.is_ascii_uppercase());
+            let good = usize::from(code_from(count)?) == letters.len() && letters.len() <= AXES_MAX;
+            return (good && named).then_some(Line::Axes(letters));
         }
         _ => Line::Feedback(inside),
     })
@@ -412,6 +413,10 @@ mod tests {
             "$=1",
             "Grbl",
             "[AXS:3:XYZA]",
+            "[AXS:7:XYZABCU]",
+            "[AXS:26:ABCDEFGHIJKLMNOPQRSTUVWXYZ]",
+            "[AXS:4:XY]A]",
+            "[AXS:4:XYé]",
             "12345678901234567",
         ] {
             assert_eq!(parse(line), None, "{line}");

@@ -275,19 +275,9 @@ impl SimulatedGrbl {
         self.motion.at(at_s).1
     }
 
-    /// What it is doing, by the name that it reports.
-    pub fn doing(&self) -> &'static str {
-        self.state_name()
-    }
-
     /// Whether the generated motion kept to the settings.
     pub fn audit(&self) -> MotionAudit {
         self.motion.audit
-    }
-
-    /// Largest change of an axis' speed at a junction of two blocks, units/s: Grbl does not ramp it.
-    pub fn jump_max(&self, axis: usize) -> f64 {
-        self.motion.jump_max(axis)
     }
 
     /// Characters that found the receive buffer full: zero unless it was flooded.

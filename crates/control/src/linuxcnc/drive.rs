@@ -45,11 +45,6 @@ impl<L: Line> LinuxCncDrive<L> {
         })
     }
 
-    /// What the server calls itself, once it has answered.
-    pub fn server(&self) -> Option<&str> {
-        self.session.server()
-    }
-
     fn listen(&mut self, now_s: f64) {
         self.incoming.clear();
         match self.line.receive(&mut self.incoming, now_s) {
@@ -77,8 +72,8 @@ impl<L: Line> LinuxCncDrive<L> {
 }
 
 impl<L: Line> Drive for LinuxCncDrive<L> {
-    fn name(&self) -> &str {
-        &self.name
+    fn name(&self) -> String {
+        self.name.clone()
     }
 
     fn limits(&self) -> [AxisLimits; 4] {
@@ -86,6 +81,11 @@ impl<L: Line> Drive for LinuxCncDrive<L> {
     }
 
     fn update(&mut self, now_s: f64) {
+        self.session.alive(now_s);
+        self.poll(now_s);
+    }
+
+    fn poll(&mut self, now_s: f64) {
         self.listen(now_s);
         if let Err(reason) = self.session.tick(now_s) {
             self.give_up(&reason, now_s);

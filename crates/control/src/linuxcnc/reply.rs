@@ -34,8 +34,6 @@ pub enum Reply {
     Homed(Vec<bool>),
     /// Which joints have a fault.
     Fault(Vec<bool>),
-    /// Limit status by joint: OK, MINSOFT, MAXHARD and the like.
-    Limit(Vec<String>),
     /// Positions of the joints, degrees; all finite.
     Position(Vec<f64>),
     /// An error text; `None` is OK.
@@ -70,7 +68,6 @@ impl Reply {
             "MODE" => Some(Reply::Mode(shortened(rest).to_ascii_uppercase())),
             "JOINT_HOMED" => list(rest, yes_no).map(Reply::Homed),
             "JOINT_FAULT" => list(rest, ok_fault).map(Reply::Fault),
-            "JOINT_LIMIT" => list(rest, |w| Some(shortened(w))).map(Reply::Limit),
             "JOINT_POS" => list(rest, finite).map(Reply::Position),
             "ERROR" if rest.eq_ignore_ascii_case("ok") => Some(Reply::Error(None)),
             "ERROR" => Some(Reply::Error(Some(shortened(rest)))),
@@ -208,10 +205,6 @@ mod tests {
                 Reply::Homed(vec![true, true, false]),
             ),
             ("JOINT_FAULT OK FAULT", Reply::Fault(vec![false, true])),
-            (
-                "JOINT_LIMIT OK MINHARD",
-                Reply::Limit(vec!["OK".to_owned(), "MINHARD".to_owned()]),
-            ),
             (
                 "JOINT_POS -0.978300 12.5 0",
                 Reply::Position(vec![-0.9783, 12.5, 0.0]),

@@ -2,11 +2,9 @@
 
 mod answers;
 
-use std::collections::VecDeque;
-
 use crate::axis::{AxisError, AxisName, AxisReading, AxisSetpoint, AxisState};
 use crate::controller::AxisCommand;
-use crate::drive::{DriveEvent, DriveEventKind, Link};
+use crate::drive::{DriveEvent, DriveEventKind, DriveEvents, HOMING_WATCHDOG_S, Link};
 
 use super::LinuxCncConfig;
 use super::follow::{Bounds, Follower, Jog, Moving, Order, text_from_units};
@@ -17,6 +15,11 @@ use super::reply::{Lines, Reply};
 const ASK_AGAIN_S: f64 = 0.5;
 /// While a question is unanswered for longer than this, s, the server is busy and gets no jogs: they would pile up before it.
 const BUSY_S: f64 = 0.05;
+/// A position that was not there when it was looked for so long after it was asked for, s, says nothing of when it was taken: the server was
+/// busy meanwhile. At the usual 5 ms between two looks the third finds it.
+const FETCHED_S: f64 = 0.01;
+/// An axis that is further off its setpoint than this, degrees, when a jog is found lost is told of.
+const OFF_DEG: f64 = 0.1;
 /// A controller that has answered nothing for this long is lost, s. Switching it on keeps it silent for 0.4 s.
 pub const SILENT_S: f64 = 1.5;
 /// Positions are as old as this when they are asked for, s: the controller's status is made anew every millisecond, and an idle server
@@ -28,12 +31,12 @@ const CHANGE_S: f64 = 2.0;
 const HOMING_MOST_S: f64 = 120.0;
 /// An answer `homed` counts when it was asked for this much later than the homing, s: before, it is that of the homing before.
 const HOMING_LEAST_S: f64 = 0.3;
-/// Events kept.
-const MOST_EVENTS: usize = 64;
+/// A fault of a joint may be told for this long after it was cleared, s: switching the machine on takes 0.4 s.
+const CLEARING_S: f64 = 1.0;
+/// Faster than this, degrees/s, an axis that was stuck is free again.
+const FREE_DEG_S: f64 = 1.0;
 /// Bytes that may wait to be sent; more means that the line does not move.
 pub const MOST_WAITING: usize = 64 * 1024;
-/// A setpoint's time may lie this far from the command's, s.
-const SETPOINT_SPAN_S: f64 = 1.0;
 /// Times in a row that axes may fail to follow until a person is asked.
 const MOST_STUCK: u32 = 3;
 
@@ -97,7 +100,11 @@ pub struct Session {
     question: usize,
     now_s: f64,
     heard_s: f64,
+    /// The last look at what came in, and the one before.
+    looked_s: [f64; 2],
     commanded_s: f64,
+    /// The newest sign of life of the program, s.
+    alive_s: f64,
     /// When the last answer to `joint_homed` was asked for.
     homed_asked_s: f64,
     cleared_s: f64,
@@ -108,7 +115,7 @@ pub struct Session {
     /// Why nothing moves until a person has cleared it.
     fault: Option<String>,
     stuck: u32,
-    events: VecDeque<DriveEvent>,
+    events: DriveEvents,
 }
 
 impl Session {
@@ -139,25 +146,22 @@ impl Session {
             question: 0,
             now_s: f64::NEG_INFINITY,
             heard_s: f64::NEG_INFINITY,
+            looked_s: [f64::NEG_INFINITY; 2],
             commanded_s: f64::NEG_INFINITY,
+            alive_s: f64::NEG_INFINITY,
             homed_asked_s: f64::NEG_INFINITY,
             cleared_s: f64::NEG_INFINITY,
             homing_s: None,
             changing_s: f64::NEG_INFINITY,
             fault: None,
             stuck: 0,
-            events: VecDeque::new(),
+            events: DriveEvents::default(),
         }
     }
 
     /// What it talks to.
     pub fn config(&self) -> &LinuxCncConfig {
         &self.config
-    }
-
-    /// What the server calls itself, once it has.
-    pub fn server(&self) -> Option<&str> {
-        self.said.server.as_deref()
     }
 
     /// How the controller stands to the program.
@@ -168,6 +172,11 @@ impl Session {
     /// Bytes to send; whoever sends some of them takes those away.
     pub fn waiting(&mut self) -> &mut Vec<u8> {
         &mut self.out
+    }
+
+    /// The program lives: what is not said by taking bytes and sending what is due, which a thread beside it does too.
+    pub fn alive(&mut self, now_s: f64) {
+        self.alive_s = self.alive_s.max(now_s);
     }
 
     /// A connection is there.
@@ -228,6 +237,7 @@ impl Session {
     /// Take what came in. An answer that cannot be one ends the connection: the reason is returned.
     pub fn received(&mut self, bytes: &[u8], now_s: f64) -> Result<(), String> {
         self.advance(now_s);
+        self.looked_s = [self.now_s, self.looked_s[0]];
         let mut replies = Vec::new();
         let whole = self
             .lines
@@ -315,15 +325,35 @@ impl Session {
                     self.send(&format!(
                         "set jog_incr {letter} {speed_per_min:.4} {increment}"
                     ));
-                    if velocity_deg_s.abs() > 1.0 {
+                    if velocity_deg_s.abs() > FREE_DEG_S {
                         self.stuck = 0;
                     }
                 }
+                Order::Relearn { gap_deg } => self.relearn(i, gap_deg),
                 Order::Stop => stuck = Some(i),
             }
         }
         if let Some(axis) = stuck {
             self.take_stuck(axis);
+        }
+    }
+
+    /// A jog was lost, or is late: the axis stops, and goes on from where it comes to rest.
+    ///
+    /// A controller that is kept from its work by other programs takes its jogs from a queue, later; overrun, that queue loses some, and may break for
+    /// good. The answers to questions do not tell, since they come from the server itself. Now they do: the server goes on when the controller has taken
+    /// all that was sent before, and while it is silent it gets no more jogs. That is not asked for with each jog, since it looks every 0.1 s only.
+    fn relearn(&mut self, axis: usize, gap_deg: f64) {
+        let letter = self.config.letters[axis];
+        self.send(&format!("set jog_stop {letter}"));
+        self.send("set wait received");
+        if gap_deg.abs() > OFF_DEG {
+            let name = AxisName::ALL[axis];
+            let text = format!(
+                "LinuxCNC lost a jog of axis {name:?} or took it late, {:.1}° off its way: stopped, and sent anew",
+                gap_deg.abs()
+            );
+            self.event(DriveEventKind::Refused, text);
         }
     }
 
@@ -355,6 +385,17 @@ impl Session {
         let Some(since_s) = self.homing_s else {
             return;
         };
+        let unheard_s = self.now_s - self.alive_s;
+        if unheard_s > HOMING_WATCHDOG_S {
+            let text = format!(
+                "the program asked for nothing for {unheard_s:.2} s: homing was stopped; home again"
+            );
+            self.event(DriveEventKind::Note, text);
+            let now_s = self.now_s;
+            // An answer would be about the line, which is up here.
+            let _ = self.hold(now_s);
+            return;
+        }
         if self.now_s - since_s > HOMING_MOST_S {
             self.homing_s = None;
             self.send("set abort");
@@ -382,17 +423,9 @@ impl Session {
 
     fn event(&mut self, kind: DriveEventKind, text: String) {
         // A controller that refuses a hundred commands a second says so once.
-        if self.events.back().is_some_and(|e| e.text == text) {
-            return;
+        if self.events.newest() != Some(text.as_str()) {
+            self.events.push(self.now_s, kind, text);
         }
-        if self.events.len() == MOST_EVENTS {
-            self.events.pop_front();
-        }
-        self.events.push_back(DriveEvent {
-            time_s: self.now_s,
-            kind,
-            text,
-        });
     }
 
     fn send(&mut self, line: &str) {
@@ -452,6 +485,7 @@ impl Session {
         now_s: f64,
     ) -> [Result<(), AxisError>; 4] {
         self.advance(now_s);
+        self.alive(now_s);
         let states = self.states();
         let mut results = [Ok(()); 4];
         for ((result, command), axis) in results.iter_mut().zip(commands).zip(AxisName::ALL) {
@@ -496,23 +530,7 @@ impl Session {
         setpoint: &AxisSetpoint,
         state: AxisState,
     ) -> Result<(), AxisError> {
-        for value in [
-            setpoint.time_s,
-            setpoint.position_rad,
-            setpoint.velocity_rad_s,
-        ] {
-            if !value.is_finite() {
-                return Err(AxisError::NotFinite { axis, value });
-            }
-        }
-        if (setpoint.time_s - self.now_s).abs() > SETPOINT_SPAN_S {
-            return Err(AxisError::OutOfHistory {
-                axis,
-                asked_s: setpoint.time_s,
-                from_s: self.now_s - SETPOINT_SPAN_S,
-                to_s: self.now_s + SETPOINT_SPAN_S,
-            });
-        }
+        setpoint.check(axis, self.now_s)?;
         if matches!(state, AxisState::Unhomed | AxisState::Fault) {
             return Err(AxisError::NotReady { axis, state });
         }
@@ -536,6 +554,7 @@ impl Session {
     /// See [`crate::Drive::home`].
     pub fn home(&mut self, now_s: f64) -> Result<(), AxisError> {
         self.advance(now_s);
+        self.alive(now_s);
         if self.block() == Some(AxisState::Fault) {
             return Err(AxisError::NotReady {
                 axis: AxisName::Pan,
@@ -597,14 +616,9 @@ impl Session {
         }
     }
 
-    /// Why nothing moves until [`Self::clear`], in a few words.
-    pub fn fault(&self) -> Option<&str> {
-        self.fault.as_deref()
-    }
-
     /// See [`crate::Drive::take_events`].
     pub fn take_events(&mut self) -> Vec<DriveEvent> {
-        self.events.drain(..).collect()
+        self.events.take()
     }
 }
 

@@ -1,17 +1,12 @@
 //! After homing the axes stand at their switches: from there they go to their zero angles, slowly.
 
-use vergence_control::{
-    AxisCommand, AxisName, AxisSetpoint, Drive, MINIMUM_JERK_PEAK, minimum_jerk,
-};
+use vergence_control::{AxisCommand, AxisName, Drive, GentleMove};
 
 /// An axis is at zero when it is this near, rad (0.1°).
 const NEAR_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
 
 /// Highest speed on the way, as a share of the axis's own.
 const SHARE_OF_SPEED: f64 = 0.5;
-
-/// However short the way is, it takes this long, s.
-const LEAST_S: f64 = 0.5;
 
 /// Slower than this is standing, rad/s (0.1°/s).
 const STANDING_RAD_S: f64 = NEAR_RAD;
@@ -30,47 +25,27 @@ pub(super) fn is_centred(drive: &dyn Drive, now_s: f64) -> bool {
 }
 
 /// The way to zero.
-pub(super) struct Centring {
-    start_s: f64,
-    from_rad: [Option<f64>; 4],
-    duration_s: [f64; 4],
-}
+pub(super) struct Centring(Option<GentleMove>);
 
 impl Centring {
     /// From where the axes stand now. One whose place is not known stands (the supervisor's time-out ends that).
     pub(super) fn new(drive: &dyn Drive, now_s: f64) -> Self {
-        let limits = drive.limits();
-        let from_rad = AxisName::ALL.map(|axis| {
-            let reading = drive.reading(axis, now_s);
-            reading.ok().map(|r| r.position_rad)
-        });
-        let duration_s = std::array::from_fn(|i| {
-            let speed_rad_s = SHARE_OF_SPEED * limits[i].velocity_max_rad_s;
-            let way_rad = from_rad[i].map_or(0.0, f64::abs);
-            (MINIMUM_JERK_PEAK * way_rad / speed_rad_s).max(LEAST_S)
-        });
-        Self {
-            start_s: now_s,
-            from_rad,
-            duration_s,
-        }
+        let speeds_rad_s = drive
+            .limits()
+            .map(|limits| SHARE_OF_SPEED * limits.velocity_max_rad_s);
+        let goals_rad = AxisName::ALL.map(|axis| drive.reading(axis, now_s).ok().map(|_| 0.0));
+        // All places are known, and limits were checked when the drive was made: it is refused by a drive that breaks its word, whose axes then stand.
+        Self(GentleMove::new(drive, goals_rad, speeds_rad_s, now_s).ok())
     }
 
     /// What the axes shall do now.
     pub(super) fn commands(&self, now_s: f64) -> [AxisCommand; 4] {
-        let time_s = now_s + AHEAD_S;
-        std::array::from_fn(|i| {
-            let Some(from_rad) = self.from_rad[i] else {
-                return AxisCommand::Hold;
-            };
-            let part = (time_s - self.start_s) / self.duration_s[i];
-            let (done, slope) = minimum_jerk(part.clamp(0.0, 1.0));
-            let slope = if part < 1.0 { slope } else { 0.0 };
-            AxisCommand::Follow(AxisSetpoint {
-                time_s,
-                position_rad: from_rad * (1.0 - done),
-                velocity_rad_s: -from_rad * slope / self.duration_s[i],
-            })
+        let Some(way) = &self.0 else {
+            return [AxisCommand::Hold; 4];
+        };
+        way.commands(now_s + AHEAD_S).map(|command| match command {
+            AxisCommand::Keep => AxisCommand::Hold,
+            other => other,
         })
     }
 }

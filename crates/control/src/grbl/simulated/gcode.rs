@@ -142,34 +142,10 @@ pub(crate) fn read(
         },
         Some(_) => Action::ClearOffset,
         None if any || jog => {
-            if words.feed.is_none() && jog {
-                return Err(22);
-            }
             if !any {
-                return Err(26);
+                return Err(if words.feed.is_none() && jog { 22 } else { 26 });
             }
-            let motion = if jog { 1 } else { new.motion };
-            if absolute_once && motion > 1 {
-                return Err(30);
-            }
-            if motion == 80 {
-                return Err(31);
-            }
-            if motion == 1 && (new.feed <= 0.0 || new.inverse_time) {
-                return Err(22);
-            }
-            let target = std::array::from_fn(|i| match words.axis[i] {
-                None => stand.position[i],
-                Some(v) if absolute_once => v * scale,
-                Some(v) if new.relative => stand.position[i] + v * scale,
-                Some(v) => stand.offset[i] + v * scale,
-            });
-            let rate = if motion == 0 {
-                stand.rapid
-            } else {
-                new.feed / 60.0
-            };
-            Action::Move { target, rate }
+            move_from(&words, &new, stand, jog, absolute_once)?
         }
         None if ends => Action::End,
         None => Action::Nothing,
@@ -178,6 +154,42 @@ pub(crate) fn read(
         return Err(36);
     }
     Ok((if jog { *modes } else { new }, action))
+}
+
+/// The straight move that a line with axis words asks for.
+fn move_from(
+    words: &Words,
+    new: &Modes,
+    stand: &Stand<'_>,
+    jog: bool,
+    absolute_once: bool,
+) -> Result<Action, u16> {
+    let scale = if new.inches { INCH } else { 1.0 };
+    if words.feed.is_none() && jog {
+        return Err(22);
+    }
+    let motion = if jog { 1 } else { new.motion };
+    if absolute_once && motion > 1 {
+        return Err(30);
+    }
+    if motion == 80 {
+        return Err(31);
+    }
+    if motion == 1 && (new.feed <= 0.0 || new.inverse_time) {
+        return Err(22);
+    }
+    let target = std::array::from_fn(|i| match words.axis[i] {
+        None => stand.position[i],
+        Some(v) if absolute_once => v * scale,
+        Some(v) if new.relative => stand.position[i] + v * scale,
+        Some(v) => stand.offset[i] + v * scale,
+    });
+    let rate = if motion == 0 {
+        stand.rapid
+    } else {
+        new.feed / 60.0
+    };
+    Ok(Action::Move { target, rate })
 }
 
 /// What a jog may not hold.

@@ -37,13 +37,7 @@ impl Session {
             Reply::Position(positions) => self.take_positions(&positions),
             Reply::Error(Some(text)) => self.take_error(&text),
             Reply::Machine(on) => self.take_machine(on),
-            Reply::Estop(pressed) => {
-                if pressed && self.said.estop == Some(false) {
-                    let text = "the emergency stop is pressed: release it, look at the rig, then clear the fault";
-                    self.latch("emergency stop".to_owned(), text.to_owned());
-                }
-                self.said.estop = Some(pressed);
-            }
+            Reply::Estop(pressed) => self.take_estop(pressed),
             Reply::Mode(mode) => self.take_mode(&mode),
             Reply::Teleop(on) => {
                 self.said.teleop = Some(on);
@@ -60,12 +54,18 @@ impl Session {
                     return Err(few_joints(joints.len()));
                 }
             }
-            Reply::Fault(joints) => self.said.fault = self.by_axis(&joints).unwrap_or([true; 4]),
+            Reply::Fault(joints) => self.take_faults(&joints, asked_s),
             Reply::SetRefused(what) => self.take_refusal(&what),
             // A question garbled on its way: the next one need not wait for the answer to this one.
             Reply::GetRefused(_) => self.asked = None,
-            Reply::Enable(_) | Reply::Error(None) | Reply::Limit(_) | Reply::Other(_) => {}
+            Reply::Enable(_) | Reply::Error(None) | Reply::Other(_) => {}
         }
+        self.refresh_link();
+        Ok(())
+    }
+
+    /// It was heard; once enough is known of it the line is up.
+    fn refresh_link(&mut self) {
         match &mut self.link {
             Link::Up { heard_s } => *heard_s = self.now_s,
             Link::Down { .. } if self.phase == Phase::Up && self.said.all() => {
@@ -78,7 +78,6 @@ impl Session {
             }
             Link::Down { .. } => {}
         }
-        Ok(())
     }
 
     /// A command was not taken. It may have been a jog, also when another word came back (see [`super`] on a second connection): then
@@ -109,6 +108,9 @@ impl Session {
             return;
         };
         self.asked = None;
+        if self.looked_s[1] - asked_s > FETCHED_S {
+            return;
+        }
         if let Some(positions) = self.by_axis(joints) {
             self.history.push(asked_s - STATUS_AGE_S, positions);
         }
@@ -123,6 +125,31 @@ impl Session {
             *joints.get(c)?,
             *joints.get(d)?,
         ])
+    }
+
+    /// A joint at fault stands; the others do not go on without it.
+    pub(super) fn take_faults(&mut self, joints: &[bool], asked_s: f64) {
+        let fault = self.by_axis(joints).unwrap_or([true; 4]);
+        self.said.fault = fault;
+        let at_fault = AxisName::ALL.into_iter().zip(fault).find(|(_, f)| *f);
+        if let Some((name, _)) = at_fault
+            && self.said.machine == Some(true)
+            && asked_s > self.cleared_s + CLEARING_S
+        {
+            let text = format!(
+                "LinuxCNC reports a fault of the joint of axis {name:?}: look at its driver and its wiring, then clear the fault and home"
+            );
+            self.latch(format!("joint of axis {name:?} at fault"), text);
+        }
+    }
+
+    fn take_estop(&mut self, pressed: bool) {
+        if pressed && self.said.estop == Some(false) {
+            let text =
+                "the emergency stop is pressed: release it, look at the rig, then clear the fault";
+            self.latch("emergency stop".to_owned(), text.to_owned());
+        }
+        self.said.estop = Some(pressed);
     }
 
     pub(super) fn take_machine(&mut self, on: bool) {
