@@ -18,6 +18,7 @@ use crate::files::list::PictureList;
 use crate::files::stream::EyeStream;
 use crate::files::video::Video;
 use crate::pairing::{Paired, Pairer, PairingCounts, PairingLimits};
+use crate::secrets::shown;
 use crate::source::{Frame, Source, SourceInfo, StereoFrame};
 
 /// Frames per second of pictures when nothing else is said.
@@ -110,7 +111,7 @@ impl FilesSource {
         if config.left == config.right {
             return Err(CaptureError::Unequal(format!(
                 "both are {}; where one folder holds both, patterns such as left_*.jpg and right_*.jpg tell them apart",
-                config.left.display()
+                shown(&config.left)
             )));
         }
         if let Some(fps) = config.fps
@@ -151,11 +152,7 @@ impl FilesSource {
         let size = common_size(&mut streams)?;
         let calibration = calibration.scaled_to([size; 2])?;
         let info = SourceInfo {
-            name: format!(
-                "files {} and {}",
-                config.left.display(),
-                config.right.display()
-            ),
+            name: format!("files {} and {}", shown(&config.left), shown(&config.right)),
             cameras: calibration.cameras,
             fixed_base_from_cam: Some(calibration.base_from_cam),
             fps,

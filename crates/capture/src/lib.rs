@@ -8,6 +8,7 @@ pub mod error;
 pub mod files;
 pub mod live;
 pub mod pairing;
+mod secrets;
 pub mod source;
 pub mod twin;
 

@@ -289,7 +289,10 @@ fn offset_freeze_and_loss() {
         return;
     };
     server.order("delay 14");
-    let mut source = open(&server.config(LiveKind::Rtsp, "h264"));
+    let mut config = server.config(LiveKind::Rtsp, "h264");
+    // Streams are asked whether they are frozen only where one says so.
+    config.frozen_after = 15;
+    let mut source = open(&config);
     // The offset is known after some twenty frames.
     let _ = measure(&mut source, 1.5);
     let measured = measure(&mut source, 2.0);

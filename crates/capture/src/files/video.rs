@@ -18,12 +18,13 @@ use vergence_imaging::{Rgb, files};
 use crate::CaptureError;
 use crate::files::stream::{Decoder, EyeStream, Timed};
 use crate::files::{MAX_FPS, OnFault};
+use crate::secrets::{cleaned, shown_path};
 
 /// How often, and how often at most, a program is asked whether it has ended: 20 s in all.
 const ASK_EVERY: Duration = Duration::from_millis(10);
 const ASKS: usize = 2000;
 
-/// Most bytes of a program's complaints that are read; the last line is quoted.
+/// Most characters of a program's last complaint that are quoted.
 const MAX_COMPLAINT: usize = 500;
 
 /// Most bytes of answers that are read from `ffprobe`.
@@ -71,7 +72,7 @@ impl Video {
         let refuse = |reason: String| CaptureError::Video {
             program: "ffprobe",
             reason,
-            path: path.to_owned(),
+            path: shown_path(path),
         };
         let mut command = Command::new(ffmpeg.with_file_name("ffprobe"));
         command
@@ -120,7 +121,7 @@ impl Video {
                     "the video has {} frames per second, but fps is set to {wanted}",
                     video.fps()
                 ),
-                path: path.to_owned(),
+                path: shown_path(path),
             });
         }
         Ok(video)
@@ -190,7 +191,7 @@ impl Video {
         let listener = Listener::Ffmpeg(to_decoder);
         let (program, stdout) = Program::start(command, "ffmpeg", &self.path, listener)?;
         let guard = ChildGuard(program.child.clone());
-        let path = self.path.clone();
+        let path = shown_path(&self.path);
         let decoder = VideoDecoder {
             pipe: BufReader::with_capacity(1 << 20, stdout),
             program,
@@ -272,7 +273,7 @@ impl VideoDecoder {
         CaptureError::Video {
             program: "ffmpeg",
             reason,
-            path: self.video.path.clone(),
+            path: shown_path(&self.video.path),
         }
     }
 
@@ -341,7 +342,7 @@ impl Program {
         let refuse = |reason: String| CaptureError::Video {
             program: name,
             reason,
-            path: path.to_owned(),
+            path: shown_path(path),
         };
         command
             .stdin(Stdio::null())
@@ -358,7 +359,8 @@ impl Program {
             drop(ChildGuard(child));
             return Err(refuse("was started without pipes".to_owned()));
         };
-        let complaints = std::thread::spawn(move || listener.last_complaint(stderr));
+        let about = path.to_owned();
+        let complaints = std::thread::spawn(move || listener.last_complaint(stderr, &about));
         let program = Self {
             child,
             complaints: Mutex::new(Some(complaints)),
@@ -447,8 +449,8 @@ enum Listener {
 }
 
 impl Listener {
-    /// Listen to the end; the last complaint.
-    fn last_complaint(self, stderr: impl std::io::Read) -> String {
+    /// Listen to the end; the last complaint, without what is secret in the address of `about`.
+    fn last_complaint(self, stderr: impl std::io::Read, about: &Path) -> String {
         let mut pipe = BufReader::new(stderr);
         let (mut last, mut tick) = (String::new(), None);
         loop {
@@ -472,7 +474,8 @@ impl Listener {
                 }
             };
             if let Some(words) = complaint.filter(|words| !words.is_empty()) {
-                last = words.chars().take(MAX_COMPLAINT).collect();
+                // Before it is cut short: half an address is not known again.
+                last = cleaned(&words, about).chars().take(MAX_COMPLAINT).collect();
             }
         }
     }
@@ -557,7 +560,7 @@ mod tests {
             [matroska,webm @ 0x55e5] [error] File ended prematurely\n\
             [Parsed_showinfo_0 @ 0x5559] [info] n:   1 pts:     33 pts_time:0.033   pos:     1350 fmt:bgr0\n";
         let (to, times) = channel();
-        let words = Listener::Ffmpeg(to).last_complaint(said.as_bytes());
+        let words = Listener::Ffmpeg(to).last_complaint(said.as_bytes(), Path::new("x.mkv"));
         assert_eq!(words, "[matroska,webm @ 0x55e5] File ended prematurely");
         let tick = (1, 1000);
         let told: Vec<FrameTime> = times.iter().collect();
@@ -567,7 +570,7 @@ mod tests {
             complaint_in("[fatal] no such thing\n").as_deref(),
             Some("no such thing")
         );
-        let words = Listener::Plain.last_complaint("one\ntwo\n\n".as_bytes());
+        let words = Listener::Plain.last_complaint("one\ntwo\n\n".as_bytes(), Path::new("x.mkv"));
         assert_eq!(words, "two");
     }
 

@@ -15,7 +15,8 @@ pub(crate) struct Taken {
     pub(crate) stamp: Stamp,
     /// How many frames the camera says that it lost before this one.
     pub(crate) lost: u64,
-    /// Fingerprint of the bytes that the picture was made of.
+    /// Fingerprint by which a picture that comes again is known: of a video device's bytes as they came, of streams of the decoded picture, since what codes
+    /// differences sends other bytes for the same picture.
     pub(crate) print: u64,
 }
 
@@ -36,8 +37,8 @@ pub(crate) trait Camera: Send {
     /// Nominal frames per second, when they are told.
     fn fps(&self) -> Option<f64>;
 
-    /// The next frame; waits at most about `wait`. `reuse` is a picture whose buffer may be used again. After an error the camera is
-    /// dropped and opened anew.
+    /// The next frame; waits at most about `wait`. `reuse` is a picture whose buffer may be used again; it need not be. After an error the
+    /// camera is dropped and opened anew.
     fn next(&mut self, wait: Duration, reuse: Option<Rgb>) -> Result<Got, CaptureError>;
 }
 

@@ -1,4 +1,4 @@
-//! Whether a camera shows anything: the same bytes again and again are no picture, and black ones show nothing.
+//! Whether a camera shows anything: where noise makes every picture another one, the same again and again is none, and black ones show nothing.
 
 use vergence_imaging::Rgb;
 
@@ -34,7 +34,7 @@ pub(crate) struct Look {
 }
 
 impl Look {
-    /// `frozen_after` pictures with the same bytes are a frozen stream; 0 never asks.
+    /// After a picture came again so many times the stream is frozen; 0 never asks.
     pub(crate) fn new(frozen_after: u32) -> Self {
         Self {
             frozen_after,
@@ -46,7 +46,7 @@ impl Look {
         }
     }
 
-    /// Look at a picture with the fingerprint of the bytes that it came from.
+    /// Look at a picture with its fingerprint.
     pub(crate) fn take(&mut self, print: u64, picture: &Rgb) -> Seen {
         self.same = if self.print.replace(print) == Some(print) {
             self.same.saturating_add(1)

@@ -7,11 +7,12 @@ use vergence_imaging::Rgb;
 
 use super::camera::{Camera, Got, Opener, Taken};
 use super::look::fingerprint;
-use super::settings::{Transport, shown};
+use super::settings::Transport;
 use super::stamps::Stamp;
 use crate::CaptureError;
 use crate::files::stream::{EyeStream, Polled};
 use crate::files::video::Video;
+use crate::secrets::shown;
 
 /// Options by which `ffmpeg` waits for nothing: no buffer at the input, a short look at the stream, and one thread, since every further one holds a
 /// frame back.

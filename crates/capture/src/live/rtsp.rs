@@ -10,6 +10,7 @@ use std::time::Duration;
 use futures_util::StreamExt as _;
 use openh264::decoder::Decoder;
 use openh264::formats::YUVSource as _;
+use percent_encoding::percent_decode_str;
 use retina::client::{
     Credentials, Demuxed, Described, InitialTimestampPolicy, PlayOptions, Session, SessionOptions,
     SetupOptions, TcpTransportOptions, UdpTransportOptions,
@@ -22,12 +23,19 @@ use vergence_imaging::{Rgb, files};
 use super::camera::{Camera, Got, Opener, Taken};
 use super::look::fingerprint;
 use super::pixels::rgb_from_i420;
-use super::settings::{Transport, shown};
+use super::settings::Transport;
 use super::stamps::Stamp;
 use crate::CaptureError;
+use crate::secrets::{cleaned, shown};
 
 /// How long a camera may take to answer one question.
 const ANSWER: Duration = Duration::from_secs(5);
+
+/// Most characters of an error of the library that are quoted.
+const MAX_WORDS: usize = 200;
+
+/// What a camera answers that wants a user and a password (RFC 2326, 7.1.1).
+const UNAUTHORIZED: u16 = 401;
 
 /// The largest believable step of a stream's clock, s: beyond it the stream is opened anew.
 const LARGEST_STEP_S: NonZeroU32 = NonZeroU32::MIN.saturating_add(59);
@@ -38,7 +46,7 @@ pub(super) fn opener(path: &Path, transport: Transport) -> Result<Box<dyn Opener
     let refuse = |why: &str| CaptureError::Camera {
         camera: name.clone(),
         what: "cannot be opened".to_owned(),
-        why: why.to_owned(),
+        why: cleaned(why, path).into_owned(),
     };
     let text = path
         .to_str()
@@ -65,25 +73,7 @@ pub(super) fn opener(path: &Path, transport: Transport) -> Result<Box<dyn Opener
 
 /// A part of a URL without its percent signs; what is no code stays as it is.
 fn decoded(part: &str) -> String {
-    let bytes = part.as_bytes();
-    let mut out = Vec::new();
-    let mut at = 0;
-    while at < bytes.len() {
-        let code = part
-            .get(at + 1..at + 3)
-            .and_then(|hex| u8::from_str_radix(hex, 16).ok());
-        match code {
-            Some(byte) if bytes[at] == b'%' => {
-                out.push(byte);
-                at += 3;
-            }
-            _ => {
-                out.push(bytes[at]);
-                at += 1;
-            }
-        }
-    }
-    String::from_utf8_lossy(&out).into_owned()
+    percent_decode_str(part).decode_utf8_lossy().into_owned()
 }
 
 struct RtspOpener {
@@ -131,7 +121,7 @@ impl RtspOpener {
         CaptureError::Camera {
             camera: self.name.clone(),
             what: "cannot be opened".to_owned(),
-            why: why.to_owned(),
+            why: cleaned(why, Path::new(self.url.as_str())).into_owned(),
         }
     }
 
@@ -203,9 +193,9 @@ fn one_line(error: &retina::Error) -> String {
         .next()
         .unwrap_or_default()
         .chars()
-        .take(200)
+        .take(MAX_WORDS)
         .collect();
-    if short.starts_with("401") {
+    if error.status_code() == Some(UNAUTHORIZED) {
         short.push_str(" (user and password go before the host: rtsp://user:password@host/)");
     }
     short
@@ -304,5 +294,25 @@ impl Drop for RtspCamera {
         drop(_entered);
         self.runtime
             .block_on(async { tokio::time::sleep(Duration::from_millis(20)).await });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// User and password come out of an address as they were meant: codes are decoded, what only looks like one stays.
+    #[test]
+    fn credentials() {
+        for (given, told) in [
+            ("p%40ss", "p@ss"),
+            ("100%25", "100%"),
+            ("a%+5", "a%+5"),
+            ("a%zz%4", "a%zz%4"),
+            ("%C3%BC", "ü"),
+            ("", ""),
+        ] {
+            assert_eq!(decoded(given), told, "{given}");
+        }
     }
 }

@@ -2,14 +2,15 @@
 
 use std::path::PathBuf;
 
-use serde::{Deserialize, Serialize};
-
 use crate::CaptureError;
 use crate::files::MAX_FPS;
+use crate::secrets::shown;
+
+/// So many equal pictures in a row are a frozen video device: half a second at 30 a second.
+const FROZEN_AFTER: u32 = 15;
 
 /// How cameras are reached.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LiveKind {
     /// Video devices of the machine (feature `v4l2`).
     #[default]
@@ -21,8 +22,7 @@ pub enum LiveKind {
 }
 
 /// Which cameras: paths of devices or URLs.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LiveInput {
     /// One for each eye.
     Two {
@@ -36,8 +36,7 @@ pub enum LiveInput {
 }
 
 /// How a video device sends its pictures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PixelFormat {
     /// Packed YUV 4:2:2, `YUYV`.
     Yuyv,
@@ -86,8 +85,7 @@ impl PixelFormat {
 
 /// Controls of video devices, in the driver's units. The automatic of each is switched off whatever stands here, since two cameras that set themselves
 /// see two different pictures; without a value, both get the one that the left camera had.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct V4l2Controls {
     /// Exposure time, units of 100 µs (`V4L2_CID_EXPOSURE_ABSOLUTE`).
     pub exposure: Option<i64>,
@@ -102,8 +100,7 @@ pub struct V4l2Controls {
 }
 
 /// What only video devices know.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct V4l2Settings {
     /// How pictures are sent; `None` takes the first of [`PixelFormat::ALL`] that both devices have.
     pub format: Option<PixelFormat>,
@@ -114,8 +111,7 @@ pub struct V4l2Settings {
 }
 
 /// How RTSP carries pictures.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Transport {
     /// In the connection: nothing is lost, and what is late holds up what follows.
     #[default]
@@ -125,8 +121,7 @@ pub enum Transport {
 }
 
 /// Where live stereo comes from.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct LiveConfig {
     /// How the cameras are reached.
     pub kind: LiveKind,
@@ -137,7 +132,8 @@ pub struct LiveConfig {
     /// Largest time between the exposures of a pair, s, > 0. `None`: a fifth of a period around the steady offset, whatever that is. With a limit,
     /// exposures that are steadily further apart are no pairs.
     pub max_apart_s: Option<f64>,
-    /// So many pictures with the same bytes in a row are a frozen camera; 0 never asks.
+    /// So many equal pictures in a row are a frozen camera; 0 never asks. 15 for video devices, whose noise makes every picture another
+    /// one. 0 for streams: what codes differences repeats a still scene bit for bit, and then only silence tells that a camera stands.
     pub frozen_after: u32,
     /// So long without a picture, s, and the camera is opened anew; 0.2 to 60.
     pub silence_s: f64,
@@ -161,7 +157,10 @@ impl LiveConfig {
             input,
             fps: None,
             max_apart_s: None,
-            frozen_after: 15,
+            frozen_after: match kind {
+                LiveKind::V4l2 => FROZEN_AFTER,
+                LiveKind::Rtsp | LiveKind::Stream => 0,
+            },
             silence_s: 2.0,
             start_s: 15.0,
             patience_s: 10.0,
@@ -253,37 +252,9 @@ impl LiveConfig {
     }
 }
 
-/// A path, or a URL without user, password and query.
-pub(crate) fn shown(path: &std::path::Path) -> String {
-    let text = path.to_string_lossy();
-    let Some((scheme, rest)) = text.split_once("://") else {
-        return text.into_owned();
-    };
-    // A password may hold a question mark by mistake, so what stands before the last @ goes first.
-    let rest = rest.rsplit('@').next().unwrap_or_default();
-    let rest = rest.split(['?', '#']).next().unwrap_or_default();
-    format!("{scheme}://{rest}")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Secrets of a URL are not shown; paths are shown as they are.
-    #[test]
-    fn secrets_are_not_shown() {
-        for (given, told) in [
-            (
-                "rtsp://admin:pw@10.0.0.7:554/a/b?key=1#x",
-                "rtsp://10.0.0.7:554/a/b",
-            ),
-            ("rtsp://u:p/w@host", "rtsp://host"),
-            ("http://host", "http://host"),
-            ("/dev/video0", "/dev/video0"),
-        ] {
-            assert_eq!(shown(std::path::Path::new(given)), told);
-        }
-    }
 
     /// Settings outside their ranges, a missing camera and one camera twice are refused.
     #[test]

@@ -5,7 +5,8 @@
 //! before it was taken, so the smallest difference of arrival and stamp seen lately is the difference of the clocks plus the shortest
 //! way. What the shortest way takes is not known and is left out: such times are late by it, equally for every frame.
 
-/// A difference that changes by more than this from one frame to the next is a jump of the clock, s: no way takes so much longer or shorter.
+/// A difference that falls by more than this below the smallest one known is a jump of the clock, s: no way becomes so much shorter. One that grows may be
+/// a network that stood still: what comes then is old and shows an old stamp.
 const JUMP_S: f64 = 1.0;
 
 /// How long the smallest difference is remembered at least, s of arrival; clocks of two devices drift by some 50 µs in that time.
@@ -64,6 +65,8 @@ pub(crate) struct Stamps {
     /// Smallest difference of arrival and stamp, s: of the time now and of the one before.
     smallest: [Option<f64>; 2],
     since_s: f64,
+    /// The stamp before.
+    last_s: Option<f64>,
 }
 
 impl Stamps {
@@ -76,10 +79,8 @@ impl Stamps {
             }
             Stamp::Run(s) | Stamp::Own(s) if s.is_finite() => {
                 let changed = self.changed(ClockDomain::Own);
-                let jumped = self.relate(arrival_s - s, arrival_s);
-                let way_s = self.smallest.iter().flatten().copied();
-                let capture_s = s + way_s.fold(f64::INFINITY, f64::min);
-                placed(capture_s, ClockDomain::Own, changed || jumped)
+                let jumped = self.relate(s, arrival_s);
+                placed(s + self.smallest_s(), ClockDomain::Own, changed || jumped)
             }
             _ => {
                 let jumped = self.changed(ClockDomain::Arrival);
@@ -93,12 +94,20 @@ impl Stamps {
         !self.doubted
     }
 
-    /// Take a difference in; whether it is a jump, after which the ones before it are forgotten.
-    fn relate(&mut self, difference_s: f64, arrival_s: f64) -> bool {
+    /// The smallest difference that is remembered, s; infinite before the first.
+    fn smallest_s(&self) -> f64 {
         let known = self.smallest.iter().flatten().copied();
-        let known_s = known.fold(f64::INFINITY, f64::min);
-        let jumped = known_s.is_finite() && (difference_s - known_s).abs() > JUMP_S;
-        if jumped {
+        known.fold(f64::INFINITY, f64::min)
+    }
+
+    /// Take a stamp of the camera's own clock in; whether that clock has jumped. A clock that goes back or ahead shows at once, and the differences before
+    /// are forgotten. One that stood still for a while looks like a way that became longer, until the differences before are forgotten by themselves.
+    fn relate(&mut self, stamp_s: f64, arrival_s: f64) -> bool {
+        let difference_s = arrival_s - stamp_s;
+        let known_s = self.smallest_s();
+        let back = self.last_s.replace(stamp_s).is_some_and(|s| stamp_s < s);
+        let ahead = known_s.is_finite() && difference_s < known_s - JUMP_S;
+        if back || ahead {
             self.smallest = [None; 2];
         }
         if self.smallest[0].is_none() {
@@ -109,7 +118,8 @@ impl Stamps {
         }
         let smallest = self.smallest[0].get_or_insert(difference_s);
         *smallest = smallest.min(difference_s);
-        jumped
+        let stood = known_s.is_finite() && self.smallest_s() > known_s + JUMP_S;
+        back || ahead || stood
     }
 
     fn changed(&mut self, domain: ClockDomain) -> bool {
@@ -203,6 +213,54 @@ mod tests {
             let placed = stamps.place(Stamp::Run(came + 0.020), came);
             assert!((placed.capture_s - came).abs() < 1e-9);
             assert_eq!((placed.domain, placed.jumped), (ClockDomain::Own, false));
+        }
+    }
+
+    /// A network that stands still for 1.5 s and then gives everything at once, or loses most of it: every picture keeps its place, nothing is taken for
+    /// fresh, and no clock has jumped.
+    #[test]
+    fn a_stall_is_no_jump() {
+        for lost in [0..0, 62..102] {
+            let mut stamps = Stamps::default();
+            for k in (0..300).filter(|k| !lost.contains(k)) {
+                let taken = f64::from(k) / 30.0;
+                let delay = 0.005 + 0.010 * f64::from((k * 7) % 11) / 11.0;
+                let came = if (60..105).contains(&k) {
+                    3.5 + delay
+                } else {
+                    taken + delay
+                };
+                let placed = stamps.place(Stamp::Own(taken + 77.0), came);
+                assert!(
+                    (placed.capture_s - taken).abs() <= 0.015,
+                    "frame {k}: {}",
+                    placed.capture_s - taken
+                );
+                assert!(!placed.jumped, "frame {k}");
+            }
+        }
+    }
+
+    /// A clock that is set back or ahead is told at once and followed; one that stood still for 3 s is followed after it was held for a long way for a while.
+    #[test]
+    fn jumps_are_told() {
+        for (by_s, at_once) in [(-0.5, true), (-1e4, true), (1.5, true), (-3.0, false)] {
+            let mut stamps = Stamps::default();
+            let mut told = Vec::new();
+            let mut last_s = 0.0;
+            for k in 0..600 {
+                let taken = f64::from(k) / 30.0;
+                let stood = !at_once && (90..180).contains(&k);
+                let shift = if k >= 90 { by_s } else { 0.0 };
+                if !stood {
+                    let placed = stamps.place(Stamp::Own(taken + shift), taken + 0.005);
+                    told.extend(placed.jumped.then_some(k));
+                    last_s = placed.capture_s;
+                }
+            }
+            assert_eq!(told.len(), 1, "{by_s}: {told:?}");
+            assert_eq!(told[0] == 90, at_once, "{by_s}: {told:?}");
+            assert!((last_s - 599.0 / 30.0).abs() < 0.006, "{by_s}: {last_s}");
         }
     }
 

@@ -358,7 +358,11 @@ fn frozen_cameras_give_no_pairs() {
             Does::Picture
         }
     };
-    let mut source = start(&config(), 0.0, [left, always]).unwrap();
+    let asked = LiveConfig {
+        frozen_after: 15,
+        ..config()
+    };
+    let mut source = start(&asked, 0.0, [left, always]).unwrap();
     let (pairs, events) = run(&mut source, 1.6);
     assert_eq!(
         kinds(&events),
@@ -368,6 +372,23 @@ fn frozen_cameras_give_no_pairs() {
     assert!(pairs.iter().filter(frozen).count() <= 16);
     assert!(pairs.iter().any(|p| number(&p.left.picture) >= 120));
     assert!(source.statistics().left.counts.frozen >= 40);
+}
+
+/// A stream of a still scene, whose pictures are equal bit for bit, is not taken for a frozen camera unless that is asked for: its pairs go on.
+#[test]
+fn still_streams_are_not_frozen() {
+    assert_eq!(config().frozen_after, 0);
+    let devices = LiveConfig::new(LiveKind::V4l2, config().input);
+    assert!(devices.frozen_after > 0);
+    let still = |k: u64| {
+        if k >= 40 { Does::Repeat } else { Does::Picture }
+    };
+    let mut source = start(&config(), 0.0, [still, still]).unwrap();
+    let (pairs, events) = run(&mut source, 1.2);
+    assert_eq!(kinds(&events), []);
+    let repeated = |p: &&StereoFrame| number(&p.left.picture) == 0;
+    assert!(pairs.iter().filter(repeated).count() > 30);
+    assert_eq!(source.statistics().left.counts.frozen, 0);
 }
 
 /// Both halves of one camera are a pair of one time; sizes that do not fit and cameras that give nothing are refused in one sentence.
