@@ -25,6 +25,9 @@ pub(crate) fn run(tests: Tests) -> Result<()> {
             "clippy",
             "--workspace",
             "--all-targets",
+            // Live cameras are in no default build; .ci/run builds them, too.
+            "--features",
+            "vergence-capture/v4l2,vergence-capture/rtsp",
             "--",
             "-D",
             "warnings",

@@ -190,6 +190,7 @@ impl LiveSource {
                 gives,
                 frozen_after: config.frozen_after,
                 silence: Duration::from_secs_f64(config.silence_s),
+                start: Duration::from_secs_f64(config.start_s),
             };
             let name = match gives {
                 Gives::One(Eye::Left) => "left camera",

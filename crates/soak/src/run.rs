@@ -61,6 +61,8 @@ struct Run {
     ready: Option<(StereoFrame, f64)>,
     conductor: Conductor,
     tape: Tape,
+    /// What the program's clock showed last, s.
+    shown_s: f64,
     read_s: f64,
     looked_s: f64,
     person_s: Option<f64>,
@@ -138,6 +140,7 @@ impl Run {
             on_the_way: VecDeque::new(),
             ready: None,
             tape: Tape::new(plan.seed, plan.bug)?,
+            shown_s: 0.0,
             read_s: 0.0,
             looked_s: 0.0,
             person_s: None,
@@ -231,6 +234,10 @@ impl Run {
     /// What the program does in this step of the world.
     fn program(&mut self) -> anyhow::Result<()> {
         let now_s = self.world_s + self.clock_s;
+        if now_s < std::mem::replace(&mut self.shown_s, now_s) {
+            // Cameras that are stamped by a clock that went back are cameras that were started anew.
+            self.pairer = Pairer::new(PairingLimits::for_fps(FPS))?;
+        }
         if self.ready.is_none() {
             self.ready = self.pairer.pop().map(|pair| {
                 let frame = |(_, picture): (u64, Rgb), capture_s| Frame {

@@ -15,8 +15,9 @@ pub(crate) const BACK_WITHIN_S: f64 = 2.0;
 /// The target counts as followed when it is no further from the middle than this share of the picture's width.
 const FOLLOWED_WITHIN: f64 = 0.25;
 
-/// A person's part (clear, home) may take so long after the last fault, s: more, and the rig did not let itself be cleared.
-const PERSON_WITHIN_S: f64 = 12.0;
+/// A person's part (clear, home) may take so long after the last fault, s: more, and the rig did not let itself be cleared. Homing that began while an axis
+/// was stuck looks for the switch along its whole travel before it fails, and then everything is homed anew: 12 s and 5 s.
+const PERSON_WITHIN_S: f64 = 18.0;
 
 /// What a person asked for is done within this, s: a controller that starts anew takes its time.
 const ASKED_WITHIN_S: f64 = 8.0;

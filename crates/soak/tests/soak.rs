@@ -57,7 +57,7 @@ fn the_first_seeds() {
 fn planted_bugs_are_caught() {
     let bugs = [
         (Bug::HoldIgnored, 2, "motion was sent"),
-        (Bug::ClearsItself, 5, "no person had asked"),
+        (Bug::ClearsItself, 16, "no person had asked"),
         (Bug::ChunkLost, 1, "written"),
     ];
     let verdicts = all(&bugs.map(|(bug, seed, _)| Plan {

@@ -221,6 +221,8 @@ pub(crate) struct Reader {
     pub(crate) frozen_after: u32,
     /// So long without a frame, and the camera is opened anew.
     pub(crate) silence: Duration,
+    /// The same until the first frame of an opening, where that is longer.
+    pub(crate) start: Duration,
 }
 
 impl Reader {
@@ -258,6 +260,7 @@ impl Reader {
         let mut look = Look::new(self.frozen_after);
         let mut stamps = Stamps::default();
         let mut last_s = self.shared.clock.now_s();
+        let mut limit_s = self.silence.max(self.start).as_secs_f64();
         self.begin(camera.fps());
         loop {
             if self.stopped() {
@@ -274,6 +277,7 @@ impl Reader {
             match camera.next(WAIT, reuse) {
                 Ok(Got::Frame(taken)) => {
                     last_s = self.shared.clock.now_s();
+                    limit_s = self.silence.as_secs_f64();
                     self.take(taken, &mut look, &mut stamps);
                 }
                 Ok(Got::Torn { lost }) => {
@@ -287,11 +291,10 @@ impl Reader {
                 }
                 Ok(Got::Nothing) => {
                     let silent_s = self.shared.clock.now_s() - last_s;
-                    let limit_s = self.silence.as_secs_f64();
                     if silent_s >= limit_s {
                         return Some(format!("gave no picture for {silent_s:.1} s"));
                     }
-                    if silent_s > limit_s / 4.0 {
+                    if silent_s > self.silence.as_secs_f64() / 4.0 {
                         self.set_state(CameraState::Silent);
                     }
                 }

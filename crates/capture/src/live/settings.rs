@@ -136,6 +136,7 @@ pub struct LiveConfig {
     /// one. 0 for streams: what codes differences repeats a still scene bit for bit, and then only silence tells that a camera stands.
     pub frozen_after: u32,
     /// So long without a picture, s, and the camera is opened anew; 0.2 to 60.
+    /// Until the first picture of an opening [`Self::start_s`] holds where that is longer: some cameras need seconds to begin.
     pub silence_s: f64,
     /// How long the first pictures may take, s; 0.2 to 300.
     pub start_s: f64,

@@ -232,6 +232,25 @@ fn pairs_are_of_one_moment() {
     assert_eq!(source.info().fps, 1.0 / PERIOD_S);
 }
 
+/// A camera whose first picture takes longer than the silence that it may keep later is waited for, and not opened again and again.
+#[test]
+fn a_slow_start_is_no_silence() {
+    let slow = |k: u64| {
+        if k < 60 { Does::Lose } else { Does::Picture }
+    };
+    assert!(60.0 * PERIOD_S > 2.0 * config().silence_s);
+    let mut source = start(&config(), 0.0, [always, slow]).unwrap();
+    let (pairs, events) = run(&mut source, 0.2);
+    assert!(!pairs.is_empty());
+    assert!(
+        !kinds(&events).contains(&SourceEventKind::Gone),
+        "{events:?}"
+    );
+    // The first few may lie before its opening.
+    let lost = source.statistics().right.counts.lost;
+    assert!((50..=60).contains(&lost), "{lost}");
+}
+
 /// A steady 3.5 ms of 10 are found and borne; each picture keeps its own time, since both are stamped by one clock. With a limit of 3 ms such pairs
 /// are not used, and the wait ends when it shall.
 #[test]

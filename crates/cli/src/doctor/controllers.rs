@@ -1,4 +1,4 @@
-//! Motion controllers: the one that is named, LinuxCNC on this machine, and Grbl on serial ports when asked for.
+//! Motion controllers: the one that is named, whether LinuxCNC listens on this machine, and Grbl on serial ports when asked for.
 
 use std::net::{SocketAddr, TcpStream};
 use std::time::Duration;
@@ -29,7 +29,12 @@ pub(crate) fn checks(
     }
     let local = MotorsSpec::LinuxCnc(format!("127.0.0.1:{PORT}"));
     if *spec != local && listens() {
-        checks.push(asked(&local, settings, Status::Note));
+        let found = "something listens on LinuxCNC's port; it was not asked, since asking takes the control from whoever has it";
+        let check = Check::new(GROUP, local.text(), Status::Note, found);
+        checks.push(check.next(format!(
+            "when no run has it: vergence doctor --motors {}",
+            local.text()
+        )));
     }
     if probe {
         for port in ports {

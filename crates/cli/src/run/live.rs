@@ -54,6 +54,9 @@ pub(crate) struct CameraFlags {
     /// Largest time between the exposures of a pair [default: a fifth of a frame around the steady offset].
     #[arg(long, value_name = "TIME")]
     max_apart: Option<String>,
+    /// So many equal pictures in a row are a frozen camera, 0 never asks [default: 15 for video devices, 0 for streams, which repeat a still scene bit for bit].
+    #[arg(long, value_name = "N")]
+    frozen_after: Option<u32>,
     /// Fetch RTSP packet by packet: lost ones are not sent again.
     #[arg(long)]
     udp: bool,
@@ -71,9 +74,23 @@ impl CameraFlags {
             ("--focus", self.focus.is_some()),
             ("--leave-controls", self.leave_controls),
             ("--max-apart", self.max_apart.is_some()),
+            ("--frozen-after", self.frozen_after.is_some()),
             ("--udp", self.udp),
         ];
         all.into_iter().filter(|f| f.1).map(|f| f.0).collect()
+    }
+
+    /// The first flag that was given and belongs to video devices alone.
+    fn of_devices(&self) -> Option<&'static str> {
+        let theirs = [
+            "--pixels",
+            "--exposure",
+            "--gain",
+            "--white-balance",
+            "--focus",
+            "--leave-controls",
+        ];
+        self.given().into_iter().find(|flag| theirs.contains(flag))
     }
 
     /// Refuse flags that have no meaning for the source.
@@ -116,6 +133,24 @@ fn config(args: &RunArgs) -> Result<LiveConfig, Fault> {
             return Err(fault::usage(format!("{flag} has no meaning for cameras")));
         }
     }
+    for (flag, given) in [("--motors", args.motors.is_some()), ("--home", args.home)] {
+        if given {
+            return Err(fault::usage(format!(
+                "{flag} cannot be used with cameras yet: they stand still, as their calibration says"
+            ))
+            .hint("vergence run --motors CONTROLLER turns the motors with the twin's cameras"));
+        }
+    }
+    if kind != LiveKind::V4l2
+        && let Some(flag) = flags.of_devices()
+    {
+        let hint = "it belongs to --source v4l2";
+        return Err(fault::usage(format!("{flag} has no meaning for streams")).hint(hint));
+    }
+    if kind != LiveKind::Rtsp && flags.udp {
+        return Err(fault::usage("--udp has no meaning for these cameras")
+            .hint("it belongs to --source rtsp"));
+    }
     let input = match (&flags.device, &args.left, &args.right) {
         (Some(device), None, None) => LiveInput::SideBySide(device.clone()),
         (None, Some(left), Some(right)) => LiveInput::Two {
@@ -147,6 +182,9 @@ fn config(args: &RunArgs) -> Result<LiveConfig, Fault> {
             return Err(wrong("must be greater than 0 and at most 1 s"));
         }
         config.max_apart_s = Some(limit_s);
+    }
+    if let Some(pictures) = flags.frozen_after {
+        config.frozen_after = pictures;
     }
     if flags.udp {
         config.transport = Transport::Udp;
