@@ -84,11 +84,6 @@ impl GentleMove {
         self.duration_s
     }
 
-    /// From where and to where an axis goes, rad.
-    pub fn way_rad(&self, axis: AxisName) -> Option<(f64, f64)> {
-        self.ways[axis.index()]
-    }
-
     /// Whether every axis has been told its goal at `now_s`.
     pub fn is_over(&self, now_s: f64) -> bool {
         now_s >= self.start_s + self.duration_s

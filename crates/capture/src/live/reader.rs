@@ -12,8 +12,8 @@ use vergence_geometry::Eye;
 use vergence_imaging::Rgb;
 
 use super::camera::{Camera, Got, Opener, Taken};
-use super::look::Look;
-use super::stamps::{ClockDomain, Placed, Stamps};
+use super::look::{Look, Seen};
+use super::stamps::{ClockDomain, Stamps};
 use crate::CaptureError;
 use crate::clock::{Clock as _, RealClock};
 use crate::source::{CameraState, SourceEvent, SourceEventKind};
@@ -212,6 +212,26 @@ impl Gives {
     }
 }
 
+/// What is new with a frame, and how it is told of its camera.
+fn tidings(seen: &Seen, jumped: bool) -> impl Iterator<Item = (SourceEventKind, &'static str)> {
+    let frozen = seen.froze.map(|is| match is {
+        true => (
+            SourceEventKind::Frozen,
+            "gives the same picture again and again",
+        ),
+        false => (SourceEventKind::Thawed, "gives new pictures again"),
+    });
+    let dark = seen.darkened.map(|is| match is {
+        true => (SourceEventKind::Dark, "gives black pictures"),
+        false => (SourceEventKind::Light, "gives light pictures again"),
+    });
+    let jumped = jumped.then_some((
+        SourceEventKind::ClockJumped,
+        "has a clock that jumped; its times were set anew",
+    ));
+    [frozen, dark, jumped].into_iter().flatten()
+}
+
 /// Reads one device until it is told to stop.
 pub(crate) struct Reader {
     pub(crate) shared: Arc<Shared>,
@@ -309,6 +329,8 @@ impl Reader {
             let side = &mut state.sides[eye as usize];
             side.opened += 1;
             side.fps = fps;
+            // The look at an opening begins with light pictures.
+            side.dark = false;
             side.queue.clear();
         }
     }
@@ -363,38 +385,8 @@ impl Reader {
                 arrival_s,
             });
         }
-        let Placed { jumped, .. } = placed;
-        let told = [
-            (
-                seen.froze == Some(true),
-                SourceEventKind::Frozen,
-                "gives the same picture again and again",
-            ),
-            (
-                seen.froze == Some(false),
-                SourceEventKind::Thawed,
-                "gives new pictures again",
-            ),
-            (
-                seen.darkened == Some(true),
-                SourceEventKind::Dark,
-                "gives black pictures",
-            ),
-            (
-                seen.darkened == Some(false),
-                SourceEventKind::Light,
-                "gives light pictures again",
-            ),
-            (
-                jumped,
-                SourceEventKind::ClockJumped,
-                "has a clock that jumped; its times were set anew",
-            ),
-        ];
-        for (is, kind, text) in told {
-            if is {
-                state.event(arrival_s, self.gives.eye(), kind, name(text));
-            }
+        for (kind, text) in tidings(&seen, placed.jumped) {
+            state.event(arrival_s, self.gives.eye(), kind, name(text));
         }
         drop(state);
         self.shared.changed.notify_all();

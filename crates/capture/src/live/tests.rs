@@ -29,6 +29,8 @@ enum Does {
     Tear,
     /// The picture of before, again.
     Repeat,
+    /// A black picture.
+    Dark,
     Fail,
     Panic,
     /// No picture from here on.
@@ -83,11 +85,14 @@ impl Camera for Fake {
                 return Ok(Got::Nothing);
             }
             Does::Tear => return Ok(Got::Torn { lost: 0 }),
-            Does::Picture | Does::Repeat | Does::Silence => {}
+            Does::Picture | Does::Repeat | Does::Dark | Does::Silence => {}
         }
         let shown = if does == Does::Repeat { 0 } else { k };
         // The left half shows the number, the right one its low byte turned about.
         let picture = Rgb::from_fn(self.size.0, self.size.1, |x, _| {
+            if does == Does::Dark {
+                return [0; 3];
+            }
             let low = shown as u8;
             let low = if x < self.size.0 / 2 { low } else { !low };
             [low, (shown >> 8) as u8, 90]
@@ -249,6 +254,22 @@ fn a_slow_start_is_no_silence() {
     // The first few may lie before its opening.
     let lost = source.statistics().right.counts.lost;
     assert!((50..=60).contains(&lost), "{lost}");
+}
+
+/// A camera that gave black pictures, broke off and came back with light ones is not taken for dark any more.
+#[test]
+fn darkness_ends_with_the_opening() {
+    let right = |k: u64| match k {
+        ..40 => Does::Dark,
+        40..45 => Does::Fail,
+        _ => Does::Picture,
+    };
+    let mut source = start(&config(), 0.0, [always, right]).unwrap();
+    let (_, events) = run(&mut source, 1.0);
+    let kinds = kinds(&events);
+    assert!(kinds.contains(&SourceEventKind::Dark), "{events:?}");
+    assert!(kinds.contains(&SourceEventKind::Back), "{events:?}");
+    assert!(!source.liveness().unwrap()[1].dark, "{events:?}");
 }
 
 /// A steady 3.5 ms of 10 are found and borne; each picture keeps its own time, since both are stamped by one clock. With a limit of 3 ms such pairs
