@@ -4,13 +4,19 @@
 //! counts is how far they lie off their rows. Every calibration is judged on both sides' corners, and each side also calibrates from the
 //! other's, so that finding corners and solving can be told apart. The same code judges all: rows on the plane z = 1 times the focal length of
 //! the left camera.
+//!
+//! Where a set states when its pictures were taken, a third column takes the board's own motion out of the rows: each corner of the right picture is
+//! carried back along its way between the pictures before and after, by a delay that is chosen for every calibration as suits it best. A board that
+//! moves between two exposures has corners off their rows under a perfect calibration, and on their rows under one that is bent to suit.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
 use anyhow::{Context, bail, ensure};
-use nalgebra::{Isometry3, Matrix3, Point2, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{
+    Isometry3, Matrix3, Point2, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3,
+};
 use serde_json::{Value, json};
 use vergence_calib::solve::{LensModel, MotorState, Settings, Shot, Sighting, calibrate_fixed};
 use vergence_calib::{CameraPose, RigCalibration, Target, detect};
@@ -95,9 +101,22 @@ fn table(set: &Set) -> anyhow::Result<()> {
     let report = peer(&folder, &files, &target, &ours)?;
     let theirs = pairs_from_report(&report["corners"])?;
     let mut rivals = vec![
-        own("Vergence, its corners", &ours, &target, size)?,
-        own("Vergence, OpenCV's corners", &theirs, &target, size)?,
+        own("Vergence, its corners", &ours, None, &target, size)?,
+        own("Vergence, OpenCV's corners", &theirs, None, &target, size)?,
     ];
+    let times = times_of(&folder, files.len())?;
+    if let Some(times) = &times {
+        let told = Some(times.as_slice());
+        rivals.push(own(
+            "Vergence, its corners, times",
+            &ours,
+            told,
+            &target,
+            size,
+        )?);
+        let name = "Vergence, OpenCV's corners, times";
+        rivals.push(own(name, &theirs, told, &target, size)?);
+    }
     for model in report["models"].as_array().into_iter().flatten() {
         rivals.push(rival(model, size)?);
     }
@@ -110,7 +129,12 @@ fn table(set: &Set) -> anyhow::Result<()> {
         1e3 * report["detect_s"].as_f64().unwrap_or(f64::NAN)
     );
     println!(
-        "  calibration                                on our corners    on OpenCV's     baseline, mm    ms"
+        "  calibration                                on our corners    on OpenCV's     baseline, mm    ms{}",
+        if times.is_some() {
+            "    motion taken out of ours / OpenCV's (delay, ms)"
+        } else {
+            ""
+        }
     );
     for rival in &rivals {
         let on = |pairs: &Pairs| {
@@ -122,15 +146,54 @@ fn table(set: &Set) -> anyhow::Result<()> {
             format!("{:.3} ({:.2}){lost}", rows.rms_px, rows.largest_px)
         };
         println!(
-            "  {:<42} {:<17} {:<15} {:>8.2}  {:>8.1}",
+            "  {:<42} {:<17} {:<15} {:>8.2}  {:>8.1}{}",
             rival.name,
             on(&ours),
             on(&theirs),
             1e3 * rival.baseline_m,
-            1e3 * rival.seconds
+            1e3 * rival.seconds,
+            times.as_ref().map_or_else(String::new, |times| {
+                let still = |pairs: &Pairs| {
+                    let (rows, delay_s) = still_rows(&rival.folds, pairs, times);
+                    format!("{:.3} ({:+.0})", rows.rms_px, 1e3 * delay_s)
+                };
+                format!("    {} / {}", still(&ours), still(&theirs))
+            })
         );
     }
     Ok(())
+}
+
+/// When the left and the right picture of every pair were taken, s, where the set says so.
+fn times_of(folder: &Path, pairs: usize) -> anyhow::Result<Option<Vec<[f64; 2]>>> {
+    let path = folder.join("frames.csv");
+    let Ok(text) = std::fs::read_to_string(&path) else {
+        return Ok(None);
+    };
+    let mut lines = text.lines();
+    let head: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
+    let column = |name: &str| {
+        let at = head.iter().position(|c| *c == name);
+        at.with_context(|| format!("{}: there is no column {name}", path.display()))
+    };
+    let columns = [column("time_left_s")?, column("time_right_s")?];
+    let times: Vec<[f64; 2]> = lines
+        .map(|line| {
+            let cells: Vec<&str> = line.split(',').collect();
+            columns.map(|c| {
+                cells
+                    .get(c)
+                    .and_then(|t| t.parse().ok())
+                    .unwrap_or(f64::NAN)
+            })
+        })
+        .collect();
+    ensure!(
+        times.len() == pairs && times.iter().flatten().all(|t| t.is_finite()),
+        "{}: a row with two times is needed for each of {pairs} pairs",
+        path.display()
+    );
+    Ok(Some(times))
 }
 
 /// Pictures of the left and the right camera that belong together.
@@ -216,10 +279,16 @@ fn pairs_from_report(value: &Value) -> anyhow::Result<Pairs> {
 }
 
 /// Our calibration of these corners: of all pairs, timed, and of each fold.
-fn own(name: &str, pairs: &Pairs, target: &Target, size: (usize, usize)) -> anyhow::Result<Rival> {
+fn own(
+    name: &str,
+    pairs: &Pairs,
+    times: Option<&[[f64; 2]]>,
+    target: &Target,
+    size: (usize, usize),
+) -> anyhow::Result<Rival> {
     let settings = Settings::new(LensModel::BrownConrady5, &[size; 2]);
     let solved = |leave: Option<usize>| -> anyhow::Result<RigCalibration> {
-        let calibration = calibrate_fixed(&shots(pairs, target, leave), &settings)?;
+        let calibration = calibrate_fixed(&shots(pairs, times, target, leave), &settings)?;
         let pose = |camera: usize| {
             let home = MotorState::default();
             calibration.mechanism.rig_from_cam(camera, &home)
@@ -247,13 +316,18 @@ fn own(name: &str, pairs: &Pairs, target: &Target, size: (usize, usize)) -> anyh
     })
 }
 
-fn shots(pairs: &Pairs, target: &Target, leave: Option<usize>) -> Vec<Shot> {
+fn shots(
+    pairs: &Pairs,
+    times: Option<&[[f64; 2]]>,
+    target: &Target,
+    leave: Option<usize>,
+) -> Vec<Shot> {
     let kept = pairs
         .iter()
         .enumerate()
         .filter(|(i, _)| leave != Some(i % FOLDS));
     let mut shots = Vec::new();
-    for (placement, (_, pair)) in kept.enumerate() {
+    for (placement, (number, pair)) in kept.enumerate() {
         for (camera, corners) in pair.iter().enumerate().filter(|(_, c)| !c.is_empty()) {
             let sighting = |(id, pixel, sigma_px): &(usize, Point2<f64>, f64)| Sighting {
                 point_in_board: target.point_in_board(*id),
@@ -265,6 +339,7 @@ fn shots(pairs: &Pairs, target: &Target, leave: Option<usize>) -> Vec<Shot> {
                 placement,
                 motors: MotorState::default(),
                 sightings: corners.iter().map(sighting).collect(),
+                time_s: times.map(|times| times[number][camera]),
             });
         }
     }
@@ -389,4 +464,56 @@ fn held_out_rows(folds: &[RigCalibration], pairs: &Pairs) -> Rows {
         largest_px: largest,
         lost,
     }
+}
+
+/// The same with the board's motion taken out, by the delay of the right camera that suits the calibration best, within 60 ms.
+fn still_rows(folds: &[RigCalibration], pairs: &Pairs, times: &[[f64; 2]]) -> (Rows, f64) {
+    let ways = pixel_ways(pairs, times);
+    let at = |delay_s: f64| {
+        let mut still = pairs.clone();
+        for ((pair, time), ways) in still.iter_mut().zip(times).zip(&ways) {
+            let later_s = time[1] - time[0] + delay_s;
+            for (corner, way) in pair[1].iter_mut().zip(ways) {
+                corner.1 -= way * later_s;
+            }
+        }
+        held_out_rows(folds, &still)
+    };
+    (-60..=60)
+        .map(|ms| f64::from(ms) / 1e3)
+        .map(|delay_s| (at(delay_s), delay_s))
+        .min_by(|a, b| a.0.rms_px.total_cmp(&b.0.rms_px))
+        .unwrap_or_else(|| (at(0.0), 0.0))
+}
+
+/// How fast every corner of the right pictures moves, px/s, by where it was in the pictures before and after (a parabola through three); the mean
+/// of its picture's where it was not seen there.
+fn pixel_ways(pairs: &Pairs, times: &[[f64; 2]]) -> Vec<Vec<Vector2<f64>>> {
+    let seen = |pair: usize, id: usize| -> Option<(f64, Vector2<f64>)> {
+        let corner = pairs.get(pair)?[1].iter().find(|c| c.0 == id)?;
+        Some((times[pair][1], corner.1.coords))
+    };
+    let rate = |a: (f64, Vector2<f64>), b: (f64, Vector2<f64>)| (b.1 - a.1) / (b.0 - a.0);
+    let way = |pair: usize, id: usize| -> Option<Vector2<f64>> {
+        let here = seen(pair, id)?;
+        // The nearest two others: before and after, or two on one side at the ends.
+        let (one, two) = match pair {
+            0 => (1, 2),
+            last if last + 1 == pairs.len() => (last.checked_sub(1)?, last.checked_sub(2)?),
+            middle => (middle - 1, middle + 1),
+        };
+        let (one, two) = (seen(one, id)?, seen(two, id)?);
+        let (near, far) = (rate(here, one), rate(here, two));
+        let (h, k) = (one.0 - here.0, two.0 - here.0);
+        Some((near * k - far * h) / (k - h))
+    };
+    (0..pairs.len())
+        .map(|pair| {
+            let ways: Vec<Option<Vector2<f64>>> =
+                pairs[pair][1].iter().map(|c| way(pair, c.0)).collect();
+            let told: Vec<&Vector2<f64>> = ways.iter().flatten().collect();
+            let mean = told.iter().copied().sum::<Vector2<f64>>() / told.len().max(1) as f64;
+            ways.iter().map(|w| w.unwrap_or(mean)).collect()
+        })
+        .collect()
 }

@@ -135,6 +135,101 @@ fn rigs_are_found() {
     }
 }
 
+/// A board in a hand before two cameras without a common trigger, three times a second: where the right camera stands, and how much later than
+/// stated it exposes, come out when times are told, to what a parabola through three places a second leaves of a hand's motion. Without times the
+/// same corners put it somewhere else.
+#[test]
+fn a_moving_board_is_followed() {
+    const LATE_S: f64 = 0.028;
+    let (lenses, poses) = three_cameras();
+    let board = corners(9, 6, 0.03);
+    let middle = Vector3::new(-0.12, -0.075, 0.0);
+    let at = |t: f64| {
+        let swing =
+            |period_s: f64, phase: f64| (std::f64::consts::TAU * t / period_s + phase).sin();
+        let shift = Vector3::new(
+            0.1 * swing(5.0, 0.0) + 0.06,
+            0.08 * swing(4.1, 1.0),
+            0.75 + 0.15 * swing(6.3, 2.0),
+        );
+        let turn = Vector3::new(
+            0.5 * swing(4.6, 0.5),
+            0.5 * swing(5.7, 2.5),
+            0.2 * swing(7.0, 1.5),
+        );
+        let turn = UnitQuaternion::from_scaled_axis(turn);
+        Isometry3::from_parts((shift + turn * middle).into(), turn)
+    };
+    let mut random = Random(31);
+    let mut shots = Vec::new();
+    for placement in 0..30 {
+        let stated_s = [0, 1].map(|_| placement as f64 / 3.0 + random.between(0.0, 0.004));
+        for camera in 0..2 {
+            let exposed_s = stated_s[camera] + LATE_S * camera as f64;
+            let cam_from_board = poses[camera].inverse() * at(exposed_s);
+            let (lens, place) = ((camera, &lenses[camera]), (placement, &cam_from_board));
+            let seen = shot(
+                lens,
+                place,
+                MotorState::default(),
+                &board,
+                0.05,
+                &mut random,
+            );
+            shots.extend(seen.map(|s| Shot {
+                time_s: Some(stated_s[camera]),
+                ..s
+            }));
+        }
+    }
+    let settings = Settings::new(LensModel::BrownConrady5, &[SIZE; 2]);
+    let off = |found: &Calibration| {
+        let error = found.right_from_left().unwrap() * poses[1];
+        (
+            error.rotation.angle().to_degrees(),
+            error.translation.vector.norm(),
+        )
+    };
+    let told = calibrate_fixed(&shots, &settings).unwrap();
+    let delay = told.delays[1];
+    assert_eq!(told.delays[0].seconds, 0.0);
+    assert!((delay.seconds - LATE_S).abs() < 1.5e-3, "{delay:?}");
+    assert!(delay.sigma_s < 1e-3, "{delay:?}");
+    let (turn_deg, shift_m) = off(&told);
+    assert!(
+        turn_deg < 0.1 && shift_m < 1.5e-3,
+        "{turn_deg} deg, {shift_m} m"
+    );
+    assert!(
+        told.weaknesses
+            .iter()
+            .any(|w| w.what.contains("later than stated"))
+    );
+    for s in &mut shots {
+        s.time_s = None;
+    }
+    let untold = calibrate_fixed(&shots, &settings).unwrap();
+    assert!(untold.delays.is_empty());
+    let (untold_deg, untold_m) = off(&untold);
+    println!(
+        "{turn_deg:.3} deg {:.2} mm, without times {untold_deg:.3} deg {:.2} mm; {delay:?}; rms {:.3} {:.3}",
+        1e3 * shift_m,
+        1e3 * untold_m,
+        told.rms_px,
+        untold.rms_px
+    );
+    assert!(
+        untold_deg > 2.0 * turn_deg && untold_m > 2.0 * shift_m,
+        "{untold_deg}, {untold_m}"
+    );
+    assert!(
+        untold.rms_px > 4.0 * told.rms_px,
+        "{} {}",
+        untold.rms_px,
+        told.rms_px
+    );
+}
+
 /// A lens whose corners are known as wrong in one picture: that picture is left out and named, the rest is as good as without it.
 #[test]
 fn a_wrong_picture_is_left_out() {

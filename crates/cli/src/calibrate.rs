@@ -7,6 +7,7 @@ pub(crate) mod lists;
 mod look;
 mod motors;
 mod report;
+mod times;
 mod twin;
 
 use std::path::{Path, PathBuf};
@@ -51,6 +52,7 @@ Examples:
 Of films (or URLs that ffmpeg reads) frames are taken where the board is held still at a new place.
 Boards: chessboard:COLUMNSxROWS:SQUARE (inner corners), charuco:COLUMNSxROWS:SQUARE:MARKER:DICTIONARY[:legacy][:inverted] (squares), \
 aprilgrid:COLUMNSxROWS:TAG:SPACING, or Kalibr's target file. Pictures of several cameras belong together by the number in their names, else by their order.
+--times is a table with the columns time_left_s, time_right_s (time_NAME_s of --camera NAME=...) and a row for every pair.
 --motors is a table with the columns left, right (file names), place (which stand of the board), pan_steps, tilt_steps, left_steps, right_steps and, \
 for the backlash, pan_approach ... (+1 came from below, -1 from above).
 Exit code 0: calibrated; 1: failed; 2: the call or its pictures cannot be used. docs/reference-calibrate.md documents every field.";
@@ -129,8 +131,16 @@ pub(crate) struct CalibrateArgs {
         help_heading = "Pictures"
     )]
     motors: Option<PathBuf>,
+    /// When every picture was taken (CSV, seconds): boards that moved are followed, late cameras found out.
+    #[arg(
+        long,
+        value_name = "FILE",
+        conflicts_with = "motors",
+        help_heading = "Pictures"
+    )]
+    times: Option<PathBuf>,
     /// Let the simulated rig look at the board instead, its motors going from place to place.
-    #[arg(long, conflicts_with_all = ["left", "right", "camera", "motors"], help_heading = "Pictures")]
+    #[arg(long, conflicts_with_all = ["left", "right", "camera", "motors", "times"], help_heading = "Pictures")]
     twin: bool,
     /// Seed of the twin's boards, motions and noise.
     #[arg(
@@ -290,6 +300,8 @@ struct Pictures {
     seen: Vec<Seen>,
     /// Of every view: stand of the board and state of the motors, where these are known.
     states: Option<Vec<(usize, MotorState)>>,
+    /// When every view was taken, s, where that is known.
+    times: Option<Vec<f64>>,
     /// The twin that took them.
     twin: Option<TwinConfig>,
 }
@@ -297,12 +309,17 @@ struct Pictures {
 impl Pictures {
     fn of_files(args: &CalibrateArgs, target: &Target) -> anyhow::Result<Self> {
         if let Some((names, films)) = lists::films(&args.left, &args.right, &args.camera)? {
-            if args.motors.is_some() {
-                return Err(
-                    fault::usage("--motors names pictures, and films were given")
-                        .hint("calibrate a machine from pictures")
-                        .into(),
-                );
+            if args.motors.is_some() || args.times.is_some() {
+                let flag = if args.motors.is_some() {
+                    "--motors"
+                } else {
+                    "--times"
+                };
+                return Err(fault::usage(format!(
+                    "{flag} is about pictures, and films were given"
+                ))
+                .hint("give pictures, or leave it out")
+                .into());
             }
             let taken = films::taken(&films, target)?;
             return Ok(Self {
@@ -310,6 +327,7 @@ impl Pictures {
                 views: taken.views,
                 seen: taken.seen,
                 states: None,
+                times: None,
                 twin: None,
             });
         }
@@ -319,9 +337,13 @@ impl Pictures {
             .as_deref()
             .map(|path| motors::Log::read(path, &views))
             .transpose()?;
+        let times = (args.times.as_deref())
+            .map(|path| times::read(path, &names, &views))
+            .transpose()?;
         let seen = look::at(&mut views, target, names.len())?;
         Ok(Self {
             states: log.map(|log| views.iter().map(|view| log.of(view)).collect()),
+            times,
             names,
             views,
             seen,
@@ -349,6 +371,7 @@ impl Pictures {
             views: taken.views,
             seen: taken.seen,
             states: Some(taken.states),
+            times: None,
             twin: Some(config.clone()),
         })
     }
@@ -386,6 +409,7 @@ impl<'a> Work<'a> {
                 placement,
                 motors: state,
                 sightings: sightings.clone(),
+                time_s: pictures.times.as_ref().map(|times| times[i]),
             });
         }
         let size = |camera: usize| {

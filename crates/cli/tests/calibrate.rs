@@ -482,6 +482,61 @@ fn reference_data() -> Option<PathBuf> {
     path.join("stereo/calib").is_dir().then_some(path)
 }
 
+/// The pictures of one eye in a recorded set, by their numbers.
+fn recorded(set: &Path, side: &str) -> Vec<String> {
+    let mut files: Vec<String> = std::fs::read_dir(set)
+        .unwrap()
+        .map(|e| e.unwrap().path())
+        .filter(|p| {
+            let stem = p.file_stem().unwrap().to_string_lossy().into_owned();
+            let number = stem.strip_prefix(side).map(|n| n.trim_start_matches('_'));
+            number.is_some_and(|n| n.parse::<u32>().is_ok())
+        })
+        .map(|p| p.display().to_string())
+        .collect();
+    files.sort();
+    files
+}
+
+/// Two webcams that are not synchronised see a board in a hand: with the times of their pictures the right one's delay is found, hardly a picture
+/// has to be left out, and the rest fits much better than without. A table of times with a row too few is refused.
+#[test]
+fn recorded_webcams_are_followed_by_their_times() {
+    let Some(data) = reference_data() else {
+        println!("skipped: no reference data (VERGENCE_TEST_DATA)");
+        return;
+    };
+    let folder = TempDir::new().unwrap();
+    let set = data.join("stereo/calib/charuco_pair_cam0_cam3");
+    let (left, right) = (recorded(&set, "left"), recorded(&set, "right"));
+    let target = "charuco:4x5:54mm:40.5mm:DICT_4X4_1000:inverted";
+    let told = |more: &[&str]| {
+        let command = [&["calibrate", "--target", target, "--format", "json"], more].concat();
+        with_pictures(folder.path(), &command, &left, &right)
+    };
+    let answer = |more: &[&str]| -> Value { serde_json::from_slice(&told(more).stdout).unwrap() };
+    let table = set.join("frames.csv").display().to_string();
+    let (with, without) = (answer(&["--times", &table]), answer(&[]));
+    let number = |answer: &Value, path: &str| answer.pointer(path).unwrap().as_f64().unwrap();
+    assert!(without.pointer("/cameras/1/delay_s").is_none());
+    assert_eq!(number(&with, "/cameras/0/delay_s/0"), 0.0);
+    let (delay_s, sigma_s) = (
+        number(&with, "/cameras/1/delay_s/0"),
+        number(&with, "/cameras/1/delay_s/1"),
+    );
+    assert!(
+        (0.01..0.04).contains(&delay_s) && sigma_s < 0.002,
+        "{delay_s} {sigma_s}"
+    );
+    assert!(number(&with, "/views_used") >= number(&without, "/views_used") + 2.0);
+    assert!(number(&with, "/rms_px") < 0.7 * number(&without, "/rms_px"));
+    let text = std::fs::read_to_string(&table).unwrap();
+    let short: Vec<&str> = text.lines().take(20).collect();
+    std::fs::write(folder.path().join("short.csv"), short.join("\n")).unwrap();
+    let refused = refusal(&told(&["--times", "short.csv"]));
+    assert!(refused.contains("19 rows for 20 pairs"), "{refused}");
+}
+
 /// OpenCV's sample chessboards: all 26 found, errors and rows no larger than OpenCV's own (0.215 and 0.165 px), and the rig healthy by points
 /// matched anywhere in the pictures.
 #[test]
@@ -492,21 +547,7 @@ fn recorded_chessboards_calibrate_and_are_healthy() {
     };
     let folder = TempDir::new().unwrap();
     let set = data.join("stereo/calib/opencv_chessboard");
-    let of = |side: &str| -> Vec<String> {
-        let mut files: Vec<String> = std::fs::read_dir(&set)
-            .unwrap()
-            .map(|e| e.unwrap().path())
-            .filter(|p| {
-                let stem = p.file_stem().unwrap().to_string_lossy().into_owned();
-                stem.strip_prefix(side)
-                    .is_some_and(|n| n.parse::<u32>().is_ok())
-            })
-            .map(|p| p.display().to_string())
-            .collect();
-        files.sort();
-        files
-    };
-    let (left, right) = (of("left"), of("right"));
+    let (left, right) = (recorded(&set, "left"), recorded(&set, "right"));
     let target = "chessboard:9x6:25mm";
     let command = [
         "calibrate",

@@ -8,7 +8,8 @@ use nalgebra::{DMatrix, DVector, Isometry3, Matrix3x6, Matrix6, Point2, Point3, 
 use vergence_geometry::Camera;
 
 use super::lens::{LensModel, project};
-use super::mechanism::{Mechanism, MotorState, Unknowns, moved_by};
+use super::mechanism::{Mechanism, MotorState, Twist, Unknowns, moved_by};
+use super::moving::{DELAY_BELIEF_S, Moving};
 
 /// One corner of a board, seen in a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,6 +33,9 @@ pub struct Shot {
     pub motors: MotorState,
     /// What was seen.
     pub sightings: Vec<Sighting>,
+    /// When it was taken, seconds on a clock that all cameras share, where that is known. With times, a board that moves is followed, and how
+    /// much later than stated each camera exposes is found out.
+    pub time_s: Option<f64>,
 }
 
 /// All that is adjusted.
@@ -41,6 +45,8 @@ pub(crate) struct State {
     pub(crate) mechanism: Mechanism,
     /// `rig_from_board` of every place of the board.
     pub(crate) placements: Vec<Isometry3<f64>>,
+    /// How the board moved meanwhile.
+    pub(crate) moving: Moving,
 }
 
 /// What is known, and which unknowns there are.
@@ -194,16 +200,31 @@ impl Problem<'_> {
         Some(normal)
     }
 
+    /// The left twists of the camera of a shot against its place of the board, by those parameters that move it: (index of the parameter among
+    /// the mechanism's, twist).
+    pub(crate) fn twists(&self, state: &State, shot: &Shot) -> Vec<(usize, Twist)> {
+        let mut twists = self
+            .unknowns
+            .twists(&state.mechanism, shot.camera, &shot.motors);
+        if let Some(moved) = state.moving.moved(shot) {
+            for (_, twist) in &mut twists {
+                *twist = moved.before(twist);
+            }
+            if let Some(index) = self.unknowns.delay(shot.camera) {
+                // The board moves on, the camera stays: the opposite motion.
+                twists.push((index, -moved.before(&moved.by_delay)));
+            }
+        }
+        twists
+    }
+
     fn add_shot(&self, state: &State, shot: &Shot, normal: &mut Normal) -> Option<()> {
         let model = self.models[shot.camera];
         let camera = &state.cameras[shot.camera];
-        let rig_from_cam = state.mechanism.rig_from_cam(shot.camera, &shot.motors);
-        let cam_from_rig = rig_from_cam.inverse();
+        let cam_from_rig = state.cam_from_rig(shot);
         let turn = cam_from_rig.rotation.to_rotation_matrix();
         let rig_from_board = &state.placements[shot.placement];
-        let twists = self
-            .unknowns
-            .twists(&state.mechanism, shot.camera, &shot.motors);
+        let twists = self.twists(state, shot);
         let lens = self.camera_range(shot.camera);
         let first = self.mechanism_start();
         let columns: Vec<usize> = lens
@@ -297,6 +318,15 @@ impl Problem<'_> {
                 }
             }
         }
+        for (camera, delay) in state.moving.delays.iter().enumerate() {
+            if let Some(index) = self.unknowns.delay(camera) {
+                let index = self.mechanism_start() + index;
+                let information = DELAY_BELIEF_S.powi(-2);
+                normal.h[(index, index)] += information;
+                normal.g[index] += information * delay;
+                normal.cost += 0.5 * information * delay * delay;
+            }
+        }
     }
 
     /// Huber's loss of an error in standard deviations, and its weight: r²/2 within the limit, linear beyond.
@@ -311,11 +341,7 @@ impl Problem<'_> {
     fn cost(&self, state: &State) -> f64 {
         let mut cost = 0.0;
         for shot in self.shots {
-            let cam_from_rig = state
-                .mechanism
-                .rig_from_cam(shot.camera, &shot.motors)
-                .inverse();
-            let cam_from_board = cam_from_rig * state.placements[shot.placement];
+            let cam_from_board = state.cam_from_rig(shot) * state.placements[shot.placement];
             let camera = &state.cameras[shot.camera];
             for sighting in &shot.sightings {
                 let Some(pixel) = camera.project(&(cam_from_board * sighting.point_in_board))
@@ -334,11 +360,19 @@ impl Problem<'_> {
                 .map(|(_, away, information)| 0.5 * information * away * away)
                 .sum::<f64>();
         }
-        cost
+        let delays = state.moving.delays.iter();
+        cost + delays
+            .map(|delay| 0.5 * (delay / DELAY_BELIEF_S).powi(2))
+            .sum::<f64>()
     }
 
     /// The state after a step of all unknowns.
-    fn moved(&self, state: &State, shared: &DVector<f64>, places: &[Vector6<f64>]) -> State {
+    pub(crate) fn moved(
+        &self,
+        state: &State,
+        shared: &DVector<f64>,
+        places: &[Vector6<f64>],
+    ) -> State {
         let cameras = state.cameras.iter().enumerate().map(|(i, camera)| {
             let range = self.camera_range(i);
             match range.is_empty() {
@@ -346,7 +380,14 @@ impl Problem<'_> {
                 false => self.models[i].moved(camera, &shared.as_slice()[range]),
             }
         });
+        let mut moving = state.moving.clone();
+        for (camera, delay) in moving.delays.iter_mut().enumerate() {
+            if let Some(index) = self.unknowns.delay(camera) {
+                *delay += shared[self.mechanism_start() + index];
+            }
+        }
         State {
+            moving,
             cameras: cameras.collect(),
             mechanism: self.unknowns.moved(
                 &state.mechanism,

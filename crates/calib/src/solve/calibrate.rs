@@ -9,6 +9,7 @@ use super::flatness::{Flatness, flatness};
 use super::initial;
 use super::lens::LensModel;
 use super::mechanism::{AXES, Mechanism, Unknowns};
+use super::moving::{Delay, Moving};
 use crate::CalibError;
 
 /// Huber's limit, in standard deviations: nearly plain least squares for errors that are normal, and a bound for those that are not.
@@ -25,6 +26,13 @@ const DISAGREEING: f64 = 2.0;
 
 /// Rounds of leaving out and solving again.
 const ROUNDS: usize = 4;
+
+/// Further rounds in which a moving board is followed: velocities come from places, places from delays, delays from velocities.
+const FOLLOWING: usize = 5;
+
+/// Delays beyond so many standard deviations, and above this, s, are told.
+const TOLD_DELAY: f64 = 3.0;
+const LEAST_DELAY_S: f64 = 1e-3;
 
 /// Settings of a calibration.
 #[derive(Clone, Debug)]
@@ -92,6 +100,8 @@ pub struct Calibration {
     pub corner_count: usize,
     /// Shots that took no part.
     pub rejected: Vec<Rejected>,
+    /// How much later than stated every camera exposes; camera 0 by definition as stated. Empty where no times were stated.
+    pub delays: Vec<Delay>,
     /// Shape of the board; `None` where the pictures do not tell it.
     pub flatness: Option<Flatness>,
     /// What is weak about it, with the remedy.
@@ -103,6 +113,7 @@ pub struct Calibration {
     /// For every place of the board that took part: the inverse of its own block and its coupling, for what depends on both.
     pub(crate) couplings: Vec<Coupling>,
     pub(crate) unknowns: Unknowns,
+    pub(crate) moving: Moving,
 }
 
 /// How a place of the board hangs together with the parameters: its six unknowns have the covariance
@@ -151,6 +162,17 @@ impl Calibration {
         }
         self.parameters = names;
         self.covariance = covariance;
+    }
+
+    /// Where a shot's camera saw the board, moved on since camera 0 saw it where times tell so; `None` where its place took no part.
+    pub fn cam_from_board(&self, shot: &Shot) -> Option<Isometry3<f64>> {
+        let rig_from_board = self.placements[shot.placement]?;
+        let moved = match self.moving.moved(shot) {
+            Some(moved) => moved.motion * rig_from_board,
+            None => rig_from_board,
+        };
+        let rig_from_cam = self.mechanism.rig_from_cam(shot.camera, &shot.motors);
+        Some(rig_from_cam.inverse() * moved)
     }
 
     /// `right_from_left` of the first two cameras, as they stand at home.
@@ -216,6 +238,7 @@ fn together(shots: &[Shot], settings: &Settings) -> Result<Calibration, CalibErr
         ),
         remedy: "put the board on a stand, or trigger the cameras together".to_owned(),
     });
+    calibration.weaknesses.extend(late(&calibration.delays));
     calibration.with_lenses_of(&alone);
     Ok(calibration)
 }
@@ -243,7 +266,8 @@ fn fixed(
             ),
             remedy: "hold the board where both cameras see it".to_owned(),
         })?;
-    let unknowns = Unknowns::fixed(cameras.len());
+    let told = Moving::of(shots, cameras.len()).is_told();
+    let unknowns = Unknowns::fixed(cameras.len()).with_delays(told);
     solved(
         shots,
         settings,
@@ -394,8 +418,13 @@ fn solved_by(
         cameras,
         mechanism,
         placements: placed.iter().map(|p| p.unwrap_or_default()).collect(),
+        moving: match unknowns.delay(1) {
+            Some(_) => Moving::of(shots, settings.models.len()),
+            None => Moving::default(),
+        },
     };
-    for round in 0..ROUNDS {
+    let following = if state.moving.is_told() { FOLLOWING } else { 0 };
+    for round in 0..ROUNDS + following {
         let taken = Taken::new(shots, &rejected);
         let mut problem = taken.problem(settings, unknowns.clone(), belief);
         // The first round forgives more: its start is rough.
@@ -413,11 +442,14 @@ fn solved_by(
             });
         }
         taken.put_back(&next, &mut state);
-        let worse = match settings.reject && round + 1 < ROUNDS {
+        state.moving.follow(&state.placements, &taken.placements);
+        // What is not followed yet is not left out for it.
+        let followed = round + 1 >= following;
+        let worse = match settings.reject && followed && round + 1 < ROUNDS + following {
             true => worse_shots(shots, &state, &rejected),
             false => Vec::new(),
         };
-        let done = worse.is_empty() && round > 0;
+        let done = worse.is_empty() && round > 0 && followed;
         rejected.extend(worse);
         if done {
             break;
@@ -493,11 +525,13 @@ impl Taken {
                 .iter()
                 .map(|p| whole.placements[*p])
                 .collect(),
+            moving: whole.moving.taken(&self.placements),
             ..whole.clone()
         }
     }
 
     fn put_back(&self, solved: &State, whole: &mut State) {
+        whole.moving.delays.clone_from(&solved.moving.delays);
         whole.cameras.clone_from(&solved.cameras);
         whole.mechanism = solved.mechanism.clone();
         for (place, pose) in self.placements.iter().zip(&solved.placements) {
@@ -508,11 +542,7 @@ impl Taken {
 
 /// Squared errors of a shot's corners, px; infinite where a corner has no projection.
 fn squared_errors(shot: &Shot, state: &State) -> Vec<f64> {
-    let cam_from_rig = state
-        .mechanism
-        .rig_from_cam(shot.camera, &shot.motors)
-        .inverse();
-    let cam_from_board = cam_from_rig * state.placements[shot.placement];
+    let cam_from_board = state.cam_from_rig(shot) * state.placements[shot.placement];
     let camera = &state.cameras[shot.camera];
     shot.sightings
         .iter()
@@ -627,10 +657,44 @@ fn finished(
         flatness,
         weaknesses: Vec::new(),
         parameters: problem.names(),
+        delays: Vec::new(),
         covariance: covariance * variance,
         couplings,
         unknowns: problem.unknowns,
+        moving: state.moving,
     };
+    calibration.delays = delays(&calibration);
     calibration.weaknesses = checks::weaknesses(&calibration, &used, settings)?;
+    calibration.weaknesses.extend(late(&calibration.delays));
     Ok(calibration)
+}
+
+/// Every camera's delay with its standard deviation.
+fn delays(calibration: &Calibration) -> Vec<Delay> {
+    let delay = |(camera, seconds): (usize, &f64)| Delay {
+        seconds: *seconds,
+        sigma_s: calibration
+            .sigma(&format!("camera{camera}.delay_s"))
+            .unwrap_or(0.0),
+    };
+    let found = calibration.moving.delays.iter();
+    found.enumerate().map(delay).collect()
+}
+
+/// Cameras that certainly expose at other times than stated.
+fn late(delays: &[Delay]) -> Vec<Weakness> {
+    let certain = |(_, d): &(usize, &Delay)| {
+        d.seconds.abs() > LEAST_DELAY_S && d.seconds.abs() > TOLD_DELAY * d.sigma_s
+    };
+    let told = delays.iter().enumerate().filter(certain);
+    told.map(|(camera, d)| Weakness {
+        what: format!(
+            "camera {camera}: it exposes {:.1} ms {} than stated, beside the first (± {:.1} ms); the board's motion between is taken into account",
+            1e3 * d.seconds.abs(),
+            if d.seconds > 0.0 { "later" } else { "earlier" },
+            1e3 * d.sigma_s
+        ),
+        remedy: "what moves is seen at two places for it: trigger the cameras together".to_owned(),
+    })
+    .collect()
 }

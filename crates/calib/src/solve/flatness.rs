@@ -122,14 +122,11 @@ fn reduced(
     let mut placed = vec![nalgebra::Matrix6x3::<f64>::zeros(); state.placements.len()];
     for shot in problem.shots {
         let camera = &state.cameras[shot.camera];
-        let rig_from_cam = state.mechanism.rig_from_cam(shot.camera, &shot.motors);
-        let cam_from_rig = rig_from_cam.inverse();
+        let cam_from_rig = state.cam_from_rig(shot);
         let turn = cam_from_rig.rotation.to_rotation_matrix();
         let rig_from_board = &state.placements[shot.placement];
         let normal_in_cam = cam_from_rig.rotation * rig_from_board.rotation * Vector3::z();
-        let twists = problem
-            .unknowns
-            .twists(&state.mechanism, shot.camera, &shot.motors);
+        let twists = problem.twists(state, shot);
         let lens = problem.camera_range(shot.camera);
         for sighting in &shot.sightings {
             let in_rig = rig_from_board * sighting.point_in_board;

@@ -9,6 +9,7 @@ use nalgebra::{DMatrix, Isometry3, Point2, Point3, Translation3, UnitQuaternion,
 use super::bundle::{LensBelief, Problem, Shot, Sighting, State};
 use super::calibrate::Calibration;
 use super::mechanism::{Mechanism, MotorState, Unknowns};
+use super::moving::Moving;
 
 /// A place for the board.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -148,6 +149,7 @@ impl Calibration {
             placement: 0,
             motors: MotorState::default(),
             sightings,
+            time_s: None,
         }];
         let problem = Problem {
             models: vec![self.models[camera]],
@@ -161,6 +163,7 @@ impl Calibration {
             cameras: vec![lens],
             mechanism: Mechanism::Fixed(vec![Isometry3::identity()]),
             placements: vec![*pose],
+            moving: Moving::default(),
         };
         problem.normal(&state)?.information()
     }

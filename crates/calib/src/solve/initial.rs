@@ -6,6 +6,7 @@ use vergence_geometry::Camera;
 use super::bundle::{LensBelief, Limits, Problem, Shot, State};
 use super::lens::LensModel;
 use super::mechanism::{AXES, Head, Mechanism, Told, TurningAxis, Unknowns};
+use super::moving::Moving;
 use super::plane::{board_pose, homography, pose_from_homography, rms_px};
 
 /// Focal lengths that are tried, in widths of the picture: 145 to 8 degrees wide.
@@ -92,6 +93,7 @@ fn adjusted(
         cameras: vec![camera],
         mechanism: Mechanism::Fixed(vec![Isometry3::identity()]),
         placements,
+        moving: Moving::default(),
     };
     let limits = Limits {
         steps: 40,

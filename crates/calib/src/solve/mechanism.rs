@@ -38,7 +38,7 @@ fn twist(turn: Vector3<f64>, shift: Vector3<f64>) -> Twist {
 }
 
 /// The same motion seen from another frame: `Ad(target_from_source) twist`.
-fn carried(target_from_source: &Isometry3<f64>, t: &Twist) -> Twist {
+pub(crate) fn carried(target_from_source: &Isometry3<f64>, t: &Twist) -> Twist {
     let turn = target_from_source.rotation * t.fixed_rows::<3>(0).into_owned();
     let shift = target_from_source.rotation * t.fixed_rows::<3>(3).into_owned();
     twist(
@@ -175,6 +175,8 @@ pub struct Told {
 pub(crate) struct Unknowns {
     told: Told,
     cameras: usize,
+    /// Whether cameras may expose later than stated.
+    delays: bool,
 }
 
 /// What a parameter of the mechanism is.
@@ -184,6 +186,8 @@ enum Parameter {
     Camera { camera: usize, component: usize },
     /// One of an axis' parameters.
     Axis { axis: usize, component: usize },
+    /// How much later than stated a camera exposes, s. It moves no camera; where the board moves it does (see [`super::moving`]).
+    Delay { camera: usize },
 }
 
 impl Unknowns {
@@ -192,12 +196,35 @@ impl Unknowns {
         Self {
             told: Told::default(),
             cameras,
+            delays: false,
+        }
+    }
+
+    /// With the delay of every camera but the first.
+    pub(crate) fn with_delays(self, delays: bool) -> Self {
+        Self { delays, ..self }
+    }
+
+    /// Place of a camera's delay among the unknowns.
+    pub(crate) fn delay(&self, camera: usize) -> Option<usize> {
+        let first = self.count() - self.delay_count();
+        (self.delays && (1..self.cameras).contains(&camera)).then(|| first + camera - 1)
+    }
+
+    fn delay_count(&self) -> usize {
+        match self.delays {
+            true => self.cameras.saturating_sub(1),
+            false => 0,
         }
     }
 
     /// Of a head.
     pub(crate) fn head(told: Told) -> Self {
-        Self { told, cameras: 2 }
+        Self {
+            told,
+            cameras: 2,
+            delays: false,
+        }
     }
 
     fn parameters(&self) -> Vec<Parameter> {
@@ -213,7 +240,8 @@ impl Unknowns {
                 told.then_some(Parameter::Axis { axis, component })
             })
         });
-        cameras.chain(axes).collect()
+        let delays = (1..=self.delay_count()).map(|camera| Parameter::Delay { camera });
+        cameras.chain(axes).chain(delays).collect()
     }
 
     /// How many there are.
@@ -248,6 +276,7 @@ impl Unknowns {
                     ];
                     format!("{}.{}", AXIS_NAMES[axis], what[component])
                 }
+                Parameter::Delay { camera } => format!("camera{camera}.delay_s"),
             })
             .collect()
     }
@@ -293,7 +322,7 @@ impl Unknowns {
                     let twists = head.axes[axis].twists(motors.steps[axis], motors.approach[axis]);
                     out.push((index, carried(&before[slot], &twists[component])));
                 }
-                Parameter::Camera { .. } => {}
+                Parameter::Camera { .. } | Parameter::Delay { .. } => {}
             }
         }
         out
@@ -307,6 +336,7 @@ impl Unknowns {
             match parameter {
                 Parameter::Camera { camera, component } => twists[camera][component] = value,
                 Parameter::Axis { axis, component } => axis_steps[axis][component] = value,
+                Parameter::Delay { .. } => {}
             }
         }
         match mechanism {

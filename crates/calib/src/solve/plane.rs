@@ -8,6 +8,7 @@ use vergence_geometry::Camera;
 use super::bundle::{LensBelief, Limits, Problem, Shot, Sighting, State};
 use super::lens::LensModel;
 use super::mechanism::{Mechanism, MotorState, Unknowns};
+use super::moving::Moving;
 
 /// Fewest corners that make a pose.
 pub(crate) const LEAST_CORNERS: usize = 6;
@@ -107,6 +108,7 @@ pub(crate) fn board_pose(
         placement: 0,
         motors: MotorState::default(),
         sightings: sightings.to_vec(),
+        time_s: None,
     }];
     let problem = Problem {
         models: vec![model],
@@ -120,6 +122,7 @@ pub(crate) fn board_pose(
         cameras: vec![*camera],
         mechanism: Mechanism::Fixed(vec![Isometry3::identity()]),
         placements: vec![start],
+        moving: Moving::default(),
     };
     let limits = Limits {
         steps: 20,

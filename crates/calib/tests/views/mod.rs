@@ -141,6 +141,7 @@ pub(crate) fn shot(
         placement,
         motors,
         sightings,
+        time_s: None,
     })
 }
 

@@ -68,6 +68,9 @@ pub(crate) struct CameraRecord {
     pub(crate) distortion: Vec<f64>,
     pub(crate) rms_px: f64,
     pub(crate) views_used: usize,
+    /// How much later than stated it exposes beside the first camera, with its standard deviation, s; only with `--times`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) delay_s: Option<[f64; 2]>,
 }
 
 /// A pose: `x_target = rotation x_source + translation_m`.
@@ -276,6 +279,7 @@ fn cameras(work: &Work<'_>, found: &Calibration) -> Vec<CameraRecord> {
                 views_used: own
                     .filter(|(s, rms)| s.camera == i && rms.is_some())
                     .count(),
+                delay_s: found.delays.get(i).map(|d| [d.seconds, d.sigma_s]),
             }
         })
         .collect()

@@ -90,14 +90,13 @@ pub(super) fn coverage(work: &Work<'_>, found: &Calibration) -> Figure {
 fn errors(work: &Work<'_>, found: &Calibration, camera: usize) -> Vec<(Point2<f64>, Point2<f64>)> {
     let mut all = Vec::new();
     for (shot, rms) in work.shots.iter().zip(&found.shot_rms_px) {
-        let (true, Some(_), Some(board)) =
-            (shot.camera == camera, rms, found.placements[shot.placement])
+        let (true, Some(_), Some(cam_from_board)) =
+            (shot.camera == camera, rms, found.cam_from_board(shot))
         else {
             continue;
         };
-        let cam_from_rig = found.mechanism.rig_from_cam(camera, &shot.motors).inverse();
         for s in &shot.sightings {
-            let put = found.cameras[camera].project(&(cam_from_rig * board * s.point_in_board));
+            let put = found.cameras[camera].project(&(cam_from_board * s.point_in_board));
             all.extend(put.map(|put| (s.pixel, put)));
         }
     }
