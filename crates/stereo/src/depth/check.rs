@@ -67,8 +67,8 @@ fn reached_from(other: &[f32], width: usize, reached: &mut Vec<bool>) {
 pub(super) fn drop_islands(map: &Plane<f32>, seen: &mut Plane<Seen>, step_px: f32, least: usize) {
     let (width, height) = map.size();
     let band = height.div_ceil(rayon::current_num_threads()).max(1) * width;
-    let mut parent = vec![0u32; map.samples().len()];
-    let mut size = parent.clone();
+    // Not one cloned from the other: so each thread is the first to touch its own part.
+    let [mut parent, mut size] = [(); 2].map(|()| vec![0u32; map.samples().len()]);
     let land = Land {
         map: map.samples(),
         seen: seen.samples(),
@@ -91,8 +91,18 @@ pub(super) fn drop_islands(map: &Plane<f32>, seen: &mut Plane<Seen>, step_px: f3
     let (parent, size) = (&*parent, &*size);
     let bands = seen.samples_mut().par_chunks_mut(width).enumerate();
     bands.for_each(|(y, seen)| {
+        // Neighbours mostly have one parent.
+        let (mut last, mut small) = (u32::MAX, false);
         for (x, seen) in seen.iter_mut().enumerate() {
-            if *seen == Seen::Both && (size[root(parent, y * width + x)] as usize) < least {
+            if *seen != Seen::Both {
+                continue;
+            }
+            let above = parent[y * width + x];
+            if above != last {
+                small = (size[root(parent, above as usize)] as usize) < least;
+                last = above;
+            }
+            if small {
                 *seen = Seen::Unknown;
             }
         }
@@ -108,6 +118,7 @@ struct Land<'a> {
 }
 
 impl Land<'_> {
+    #[inline(always)]
     fn joins(&self, i: usize, n: usize) -> bool {
         self.seen[i] == Seen::Both
             && self.seen[n] == Seen::Both
@@ -138,20 +149,45 @@ impl<'a> Islands<'a> {
         }
     }
 
-    /// All pixels of this band with their neighbours in it.
+    /// All pixels of this band with their neighbours in it, run by run: pixels of a row that are connected go under the first one together.
     fn join(&mut self, land: &Land<'_>) {
-        for i in self.first..self.first + self.parent.len() {
-            if land.seen[i] != Seen::Both {
-                continue;
+        let rows = self.parent.len() / land.width;
+        for row in 0..rows {
+            let row_start = self.first + row * land.width;
+            let row_end = row_start + land.width;
+            let mut start = row_start;
+            while start < row_end {
+                if land.seen[start] != Seen::Both {
+                    start += 1;
+                    continue;
+                }
+                let mut end = start + 1;
+                while end < row_end && land.joins(end, end - 1) {
+                    end += 1;
+                }
+                self.parent[start - self.first..end - self.first].fill(start as u32);
+                self.size[start - self.first] = (end - start) as u32;
+                if row > 0 {
+                    self.join_above(land, start, end);
+                }
+                start = end;
             }
-            let beside = i % land.width > 0 && land.joins(i, i - 1);
-            let above = i >= self.first + land.width && land.joins(i, i - land.width);
-            // A pixel joins what lies beside it at once; most have a neighbour there.
-            let root = if beside { self.root(i - 1) } else { i };
-            self.parent[i - self.first] = root as u32;
-            self.size[root - self.first] += 1;
-            if above {
-                self.unite(i, i - land.width);
+        }
+    }
+
+    /// A run with what lies above it. Pixels above that are a run, too, need to be joined only once.
+    #[inline(always)]
+    fn join_above(&mut self, land: &Land<'_>, start: usize, end: usize) {
+        let mut joined = u32::MAX;
+        for i in start..end {
+            let above = i - land.width;
+            if land.joins(i, above) {
+                let run = self.parent[above - self.first];
+                if run != joined {
+                    self.unite(i, above);
+                    // What it has now is what its run's other pixels may have, or not: either way they are joined.
+                    joined = run;
+                }
             }
         }
     }

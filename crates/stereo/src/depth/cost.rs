@@ -125,7 +125,7 @@ impl CostRow {
         reversed(right.slopes.row(y), features, &mut self.slopes);
         reversed(right.grays.row(y), features, &mut self.grays);
         match &features.prior {
-            Some(prior) => prior.row(y, features.width, features.wanted, &mut self.expected),
+            Some(prior) => prior.row(y, features.wanted, &mut self.expected),
             None => self.expected.clear(),
         }
         Costs {
@@ -138,13 +138,22 @@ impl CostRow {
     }
 }
 
-/// The right row backwards, so that growing disparity runs forward: place `width - 1 - x + k` holds column `x - first - k`.
+/// The right row backwards, so that growing disparity runs forward: place `width - 1 - x + k` holds column `x - first - k`, or the nearest
+/// that there is.
 fn reversed<T: Copy>(row: &[T], features: &Features<'_>, out: &mut Vec<T>) {
     let edge = row.len() as i64 - 1;
+    // Place j holds column `start - j`.
     let start = features.width as i64 - 1 - i64::from(features.first);
+    let places = (features.width + features.count - 1) as i64;
+    let inside = (start - edge).clamp(0, places);
+    let beyond = (start + 1).clamp(inside, places);
     out.clear();
-    let places = 0..(features.width + features.count - 1) as i64;
-    out.extend(places.map(|j| row[(start - j).clamp(0, edge) as usize]));
+    out.resize(inside as usize, row[edge as usize]);
+    if inside < beyond {
+        let columns = (start - beyond + 1) as usize..=(start - inside) as usize;
+        out.extend(row[columns].iter().rev());
+    }
+    out.resize(places as usize, row[0]);
 }
 
 /// What is compared along one row: of the left eye, and of the right eye backwards.

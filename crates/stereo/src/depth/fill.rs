@@ -17,11 +17,19 @@ const NOTHING: Carried = Carried {
     way: f32::INFINITY,
 };
 
-/// For each pixel that is not seen by both, in the order of the pixels: what comes from the four directions before it; and, in the opposite
+/// For each of the `gaps` pixels that are not seen by both, in the order of the pixels: what comes from the four directions before it; and, in the opposite
 /// order, from those after it.
-fn carried(map: &Plane<f32>, seen: &Plane<Seen>, left: &Gray) -> [Vec<[Carried; 4]>; 2] {
+fn carried(
+    map: &Plane<f32>,
+    seen: &Plane<Seen>,
+    left: &Gray,
+    gaps: usize,
+) -> [Vec<[Carried; 4]>; 2] {
     let scene = Scene { map, seen, left };
-    let (down, up) = rayon::join(|| pass::<false>(&scene), || pass::<true>(&scene));
+    let (down, up) = rayon::join(
+        || pass::<false>(&scene, gaps),
+        || pass::<true>(&scene, gaps),
+    );
     [down, up]
 }
 
@@ -33,9 +41,9 @@ struct Scene<'a> {
 
 /// From the top left to the bottom right (or the other way with `UP`): what comes along the row and from the three pixels before it in
 /// the last row, for each pixel that is not seen by both, in the order of the way.
-fn pass<const UP: bool>(scene: &Scene<'_>) -> Vec<[Carried; 4]> {
+fn pass<const UP: bool>(scene: &Scene<'_>, gaps: usize) -> Vec<[Carried; 4]> {
     let (width, height) = scene.map.size();
-    let mut out = Vec::new();
+    let mut out = Vec::with_capacity(gaps);
     // A pixel more on each side, from which nothing comes.
     let mut last = vec![[NOTHING; 3]; width + 2];
     let mut this = last.clone();
@@ -108,47 +116,85 @@ const LEAST_SUPPORT: [f32; 2] = [0.5, 0.7];
 /// The map with its gaps filled by quantiles of what is around, weighed by the inverse way to it (hidden places) or its square; then a median
 /// over 3 x 3 pixels, of what is known.
 pub(super) fn filled(raw: &Plane<f32>, seen: &Plane<Seen>, left: &Gray, fill: Fill) -> Plane<f32> {
-    let of_pixel = |seen: Seen, around: &Around| {
-        let (d, least) = match seen {
-            // What hides a place is often nearer than what it belongs to: here the way counts for less.
-            Seen::Occluded => {
-                let d = quantile(around, &around.weights, HIDDEN_SHARE);
-                (d, LEAST_SUPPORT[0])
-            }
-            _ => {
-                let squares = around.weights.map(|w| w * w);
-                (quantile(around, &squares, 0.5), LEAST_SUPPORT[1])
-            }
-        };
-        let keep = match fill {
-            Fill::None => false,
-            Fill::Likely => support(around, d) >= least,
-            Fill::All => true,
-        };
-        (d, keep)
-    };
+    let (width, height) = raw.size();
     let gaps: Vec<u32> = (0u32..)
         .zip(seen.samples())
         .filter(|(_, seen)| **seen != Seen::Both)
         .map(|(i, _)| i)
         .collect();
-    let [down, up] = carried(raw, seen, left);
-    let both = down.par_iter().zip(up.par_iter().rev());
-    let filled: Vec<(f32, bool)> = (gaps.par_iter().zip(both))
-        .map(|(&i, (d, u))| of_pixel(seen.samples()[i as usize], &Around::new(d, u)))
-        .collect();
-    let mut map = raw.clone();
-    for (&i, (d, _)) in gaps.iter().zip(&filled) {
-        map.samples_mut()[i as usize] = *d;
-    }
-    // The median sees what is filled even where it is not wanted, so that it is the same whatever is wanted.
-    let mut map = median(&map);
-    for (&i, (_, keep)) in gaps.iter().zip(&filled) {
-        if !keep {
-            map.samples_mut()[i as usize] = f32::NAN;
+    let [down, up] = carried(raw, seen, left, gaps.len());
+    let mut filled = vec![(0.0, false); gaps.len()];
+    let parts = filled.par_chunks_mut(GAPS).zip(gaps.par_chunks(GAPS));
+    parts.enumerate().for_each(|(i, (out, gaps))| {
+        let from = i * GAPS;
+        let down = &down[from..from + gaps.len()];
+        // The first gap is the last one on the way up.
+        let up = &up[up.len() - from - gaps.len()..up.len() - from];
+        fill_gaps(gaps, [down, up], seen.samples(), fill, out);
+    });
+    drop([down, up]);
+    let gaps_of_row = |y: usize| {
+        let before = |y: usize| gaps.partition_point(|&i| (i as usize) < y * width);
+        before(y)..before(y + 1)
+    };
+    let mut map = Plane::filled(width, height, 0.0);
+    let rows = map.samples_mut().par_chunks_mut(width).enumerate();
+    rows.for_each(|(y, out)| {
+        out.copy_from_slice(raw.row(y));
+        for i in gaps_of_row(y) {
+            out[gaps[i] as usize % width] = filled[i].0;
         }
+    });
+    // The median sees what is filled even where it is not wanted, so that it is the same whatever is wanted.
+    let mut out = Plane::filled(width, height, 0.0);
+    let rows = out.samples_mut().par_chunks_mut(width).enumerate();
+    rows.for_each_init(Padded::default, |padded, (y, out)| {
+        median(&map, y, padded, out);
+        for i in gaps_of_row(y) {
+            if !filled[i].1 {
+                out[gaps[i] as usize % width] = f32::NAN;
+            }
+        }
+    });
+    out
+}
+
+/// So many gaps are filled at a time.
+const GAPS: usize = 1024;
+
+/// What fills gaps, and whether it is wanted; of what comes from below the last is that of the first gap.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
+fn fill_gaps(
+    gaps: &[u32],
+    [down, up]: [&[[Carried; 4]]; 2],
+    seen: &[Seen],
+    fill: Fill,
+    out: &mut [(f32, bool)],
+) {
+    let around = down.iter().zip(up.iter().rev());
+    for ((out, &gap), (down, up)) in out.iter_mut().zip(gaps).zip(around) {
+        let around = Around::new(down, up);
+        let (d, least) = match seen[gap as usize] {
+            // What hides a place is often nearer than what it belongs to: here the way counts for less.
+            Seen::Occluded => {
+                let d = quantile(&around, &around.weights, HIDDEN_SHARE);
+                (d, LEAST_SUPPORT[0])
+            }
+            _ => {
+                let mut squares = around.weights;
+                for w in &mut squares {
+                    *w *= *w;
+                }
+                (quantile(&around, &squares, 0.5), LEAST_SUPPORT[1])
+            }
+        };
+        let keep = match fill {
+            Fill::None => false,
+            Fill::Likely => support(&around, d) >= least,
+            Fill::All => true,
+        };
+        *out = (d, keep);
     }
-    map
 }
 
 /// What comes from eight directions: disparities, and weights, the inverse ways to them; 0 where nothing comes.
@@ -160,39 +206,48 @@ struct Around {
 impl Around {
     #[inline(always)]
     fn new(down: &[Carried; 4], up: &[Carried; 4]) -> Self {
-        let all = [
-            down[0], down[1], down[2], down[3], up[0], up[1], up[2], up[3],
-        ];
+        // Loops, not closures: what calls those is compiled without the vectors of the caller.
+        let (mut disparities, mut weights) = ([0.0; 8], [0.0; 8]);
+        for i in 0..4 {
+            disparities[i] = down[i].disparity;
+            disparities[i + 4] = up[i].disparity;
+            weights[i] = 1.0 / (1.0 + down[i].way);
+            weights[i + 4] = 1.0 / (1.0 + up[i].way);
+        }
         Self {
-            disparities: all.map(|c| c.disparity),
-            weights: all.map(|c| 1.0 / (1.0 + c.way)),
+            disparities,
+            weights,
         }
     }
 }
 
 /// The disparity that `share` of the weight lies below; NaN when nothing came.
+#[inline(always)]
 fn quantile(around: &Around, weights: &[f32; 8], share: f32) -> f32 {
     // The order of `f32::total_cmp`: NaN comes last; its weight is 0.
-    let keys = around.disparities.map(|d| {
-        let bits = d.to_bits() as i32;
-        bits ^ ((bits >> 31) as u32 >> 1) as i32
-    });
+    let mut keys = [0; 8];
+    for i in 0..8 {
+        let bits = around.disparities[i].to_bits() as i32;
+        keys[i] = bits ^ ((bits >> 31) as u32 >> 1) as i32;
+    }
     // How many lie below each, of equal ones those before it: no branch, all eight at once.
     let mut ranks = [0u32; 8];
-    for (j, &other) in keys.iter().enumerate() {
-        for (i, rank) in ranks.iter_mut().enumerate() {
-            *rank += u32::from(if j < i {
-                other <= keys[i]
-            } else {
-                other < keys[i]
-            });
+    for j in 0..8 {
+        for i in 0..8 {
+            let below = (keys[j] < keys[i]) | ((keys[j] == keys[i]) & (j < i));
+            ranks[i] += u32::from(below);
         }
     }
     let mut sorted = [(0.0, 0.0); 8];
     for i in 0..8 {
         sorted[ranks[i] as usize & 7] = (around.disparities[i], weights[i]);
     }
-    let wanted = share * sorted.iter().map(|(_, weight)| weight).sum::<f32>();
+    // As a sum of an iterator starts.
+    let mut all = -0.0;
+    for (_, weight) in sorted {
+        all += weight;
+    }
+    let wanted = share * all;
     let mut so_far = 0.0;
     for (disparity, weight) in sorted {
         so_far += weight;
@@ -204,35 +259,32 @@ fn quantile(around: &Around, weights: &[f32; 8], share: f32) -> f32 {
 }
 
 /// Share of what is around that agrees with `d`, weighed by the inverse way, 0 to 1.
+#[inline(always)]
 fn support(around: &Around, d: f32) -> f32 {
-    let all: f32 = around.weights.iter().sum();
-    let pairs = around.disparities.iter().zip(&around.weights);
-    let same = pairs.filter(|(other, _)| (**other - d).abs() <= AGREE_PX);
-    same.map(|(_, weight)| weight).sum::<f32>() / all.max(f32::MIN_POSITIVE)
+    let (mut all, mut same) = (0.0f32, 0.0);
+    for i in 0..8 {
+        all += around.weights[i];
+        let agrees = (around.disparities[i] - d).abs() <= AGREE_PX;
+        same += if agrees { around.weights[i] } else { 0.0 };
+    }
+    same / all.max(f32::MIN_POSITIVE)
 }
 
-/// The median of 3 x 3 pixels; edges repeat.
-fn median(map: &Plane<f32>) -> Plane<f32> {
+/// Three rows with a pixel more on each side.
+type Padded = [Vec<f32>; 3];
+
+/// The medians of 3 x 3 pixels of row `y`; edges repeat.
+fn median(map: &Plane<f32>, y: usize, padded: &mut Padded, out: &mut [f32]) {
     let (width, height) = map.size();
-    let mut out = map.clone();
-    let rows = out.samples_mut().par_chunks_mut(width).enumerate();
-    rows.for_each(|(y, out)| {
-        let row = |y: usize| {
-            let row = map.row(y);
-            let mut padded = Vec::with_capacity(width + 2);
-            padded.push(row[0]);
-            padded.extend_from_slice(row);
-            padded.push(row[width - 1]);
-            padded
-        };
-        let rows = [
-            row(y.saturating_sub(1)),
-            row(y),
-            row((y + 1).min(height - 1)),
-        ];
-        median_row(&rows[0], &rows[1], &rows[2], out);
-    });
-    out
+    let rows = [y.saturating_sub(1), y, (y + 1).min(height - 1)];
+    for (padded, y) in padded.iter_mut().zip(rows) {
+        let row = map.row(y);
+        padded.clear();
+        padded.push(row[0]);
+        padded.extend_from_slice(row);
+        padded.push(row[width - 1]);
+    }
+    median_row(&padded[0], &padded[1], &padded[2], out);
 }
 
 /// Medians by sorted columns; the rows have a pixel more on each side. NaN loses against every number.

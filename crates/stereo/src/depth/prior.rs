@@ -24,6 +24,8 @@ pub(super) struct Prior {
     scale: f64,
     /// First index at no extra cost; 0 where nothing is known.
     expected: Plane<u16>,
+    /// Column of the small map at each left column.
+    columns: Vec<usize>,
 }
 
 impl Prior {
@@ -83,15 +85,29 @@ impl Prior {
                 }
             }
         });
-        Some(Self { scale, expected })
+        let columns = (0..left.width()).map(|x| place(x, scale, width));
+        Some(Self {
+            scale,
+            expected,
+            columns: columns.collect(),
+        })
     }
 
     /// First index at no extra cost of each pixel of row `y`, at most `wanted`.
-    pub(super) fn row(&self, y: usize, width: usize, wanted: usize, out: &mut Vec<usize>) {
-        let place =
-            |u: usize, side: usize| (((u as f64 + 0.5) / self.scale) as usize).min(side - 1);
-        let row = self.expected.row(place(y, self.expected.height()));
+    pub(super) fn row(&self, y: usize, wanted: usize, out: &mut Vec<usize>) {
+        let row = self
+            .expected
+            .row(place(y, self.scale, self.expected.height()));
         out.clear();
-        out.extend((0..width).map(|x| usize::from(row[place(x, row.len())]).min(wanted)));
+        out.extend(
+            self.columns
+                .iter()
+                .map(|&x| usize::from(row[x]).min(wanted)),
+        );
     }
+}
+
+/// Where in a small map with so long a side a place of the full picture lies.
+fn place(full: usize, scale: f64, side: usize) -> usize {
+    (((full as f64 + 0.5) / scale) as usize).min(side - 1)
 }

@@ -282,7 +282,9 @@ fn step<const ADD: bool>(
     }
     while from < count {
         let cost = costs.block::<LANES>(from);
-        let [a, b, c, d] = minima.each_mut().map(|m| block_mut::<u8, LANES>(m, 0));
+        let [a, b, c, d] = &mut minima;
+        let (a, b) = (block_mut::<u8, LANES>(a, 0), block_mut::<u8, LANES>(b, 0));
+        let (c, d) = (block_mut::<u8, LANES>(c, 0), block_mut::<u8, LANES>(d, 0));
         let paths = [
             path_block::<LANES>(from, &cost, small, before[0], new_a, a),
             path_block::<LANES>(from, &cost, small, before[1], new_b, b),
@@ -292,7 +294,14 @@ fn step<const ADD: bool>(
         add_up::<ADD, LANES>(from, &paths, kept, sum);
         from += LANES;
     }
-    minima.map(|m| m.iter().fold(u8::MAX, |a, &b| a.min(b)))
+    // Loops, not closures: what calls those is compiled without the features of this function.
+    let mut least = [u8::MAX; 4];
+    for path in 0..4 {
+        for k in 0..WIDE {
+            least[path] = least[path].min(minima[path][k]);
+        }
+    }
+    least
 }
 
 /// Loops go over so many disparities at a time, and over [`LANES`] of a rest: lengths that are known become vectors without remainders.

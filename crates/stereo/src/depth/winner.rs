@@ -21,7 +21,8 @@ pub(super) struct OutRow<'a> {
 
 impl Winners {
     pub(super) fn new(features: &Features<'_>) -> Self {
-        let plane = |width| Plane::filled(width, features.height, f32::NAN);
+        // Zeros cost nothing until they are overwritten, by the thread that does.
+        let plane = |width| Plane::filled(width, features.height, 0.0);
         Self {
             left: plane(features.width),
             right: plane(features.right_width),
@@ -46,11 +47,11 @@ impl Winners {
     }
 }
 
-/// Least sums and their indices.
-struct Best {
-    sums: Vec<u16>,
-    indices: Vec<u16>,
-}
+/// Sums are compared as keys: the sum above, so many bits of the index below, so that one minimum finds both, and of equal sums the first.
+const TAG_BITS: u32 = 6;
+
+/// The key of what is no sum. The largest sum of eight paths is 8 x 127, so that its key is smaller.
+const NONE: u16 = u16::MAX;
 
 /// Finds the winners of rows; keeps its buffers.
 pub(super) struct Row {
@@ -58,21 +59,30 @@ pub(super) struct Row {
     first: i32,
     count: usize,
     wanted: usize,
-    /// Least sum and its index at each right pixel, backwards as the costs see them.
-    best: Best,
+    /// A key tells the index in steps of 2 to the power of this.
+    coarse: u32,
+    /// What the keys of one pixel have below their sums; all ones where no disparity is wanted.
+    tags: Vec<u16>,
+    /// Least key at each right pixel, backwards as the costs see them.
+    best: Vec<u16>,
 }
 
 impl Row {
     pub(super) fn new(features: &Features<'_>) -> Self {
+        let (count, wanted) = (features.count, features.wanted);
+        let coarse = count.div_ceil(1 << TAG_BITS).next_power_of_two().ilog2();
+        let tag = |k: usize| match k < wanted {
+            true => (k >> coarse) as u16,
+            false => NONE,
+        };
         Self {
             width: features.width,
             first: features.first,
-            count: features.count,
-            wanted: features.wanted,
-            best: Best {
-                sums: vec![0; features.width + features.count],
-                indices: vec![0; features.width + features.count],
-            },
+            count,
+            wanted,
+            coarse,
+            tags: (0..count).map(tag).collect(),
+            best: vec![NONE; features.width + count],
         }
     }
 
@@ -84,24 +94,34 @@ impl Row {
             }
         }
         let (width, count, first) = (self.width, self.count, self.first as f32);
-        self.best.sums.fill(u16::MAX);
-        let counts = [count, self.wanted];
-        row_winners(sums, counts, first, &mut self.best, out.left, out.margin);
+        self.best.fill(NONE);
+        let scene = Scene {
+            count,
+            wanted: self.wanted,
+            first,
+            coarse: self.coarse,
+            tags: &self.tags,
+        };
+        row_winners(sums, &scene, &mut self.best, out.left, out.margin);
         let sums = &*sums;
         // Place j of `best` is right column width - 1 - first - j.
         for (xr, out) in out.right.iter_mut().enumerate() {
             let j = width as i64 - 1 - i64::from(self.first) - xr as i64;
             let j = usize::try_from(j).unwrap_or(usize::MAX);
-            if self.best.sums.get(j).is_none_or(|&s| s == u16::MAX) {
+            let least = self.best.get(j).copied().unwrap_or(NONE);
+            if least == NONE {
                 *out = f32::NAN;
                 continue;
             }
-            let k = i64::from(self.best.indices[j]);
             let at = |k: i64| {
                 let x = xr as i64 + i64::from(self.first) + k;
                 ((0..self.wanted as i64).contains(&k) && (0..width as i64).contains(&x))
                     .then(|| f32::from(sums[x as usize * count + k as usize]))
             };
+            let from = i64::from(least & ((1 << TAG_BITS) - 1)) << self.coarse;
+            let lowest = Some(f32::from(least >> TAG_BITS));
+            let mut among = from..from + (1 << self.coarse);
+            let k = among.find(|&k| at(k) == lowest).unwrap_or(from);
             let step = match (at(k - 1), at(k), at(k + 1)) {
                 (Some(a), Some(b), Some(c)) => fraction(a, b, c),
                 _ => 0.0,
@@ -111,24 +131,38 @@ impl Row {
     }
 }
 
+/// What is the same for all pixels.
+struct Scene<'a> {
+    count: usize,
+    wanted: usize,
+    first: f32,
+    coarse: u32,
+    tags: &'a [u16],
+}
+
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
 fn row_winners(
     sums: &mut [u16],
-    [count, wanted]: [usize; 2],
-    first: f32,
-    best: &mut Best,
+    scene: &Scene<'_>,
+    best: &mut [u16],
     left: &mut [f32],
     margin: &mut [f32],
 ) {
+    let &Scene {
+        count,
+        wanted,
+        first,
+        coarse,
+        tags,
+    } = scene;
     let width = left.len();
     for (x, sums) in sums.chunks_exact_mut(count).enumerate() {
-        let (least, k) = least_of(sums);
-        let there = width - 1 - x..width - 1 - x + count;
-        // Later pixels reach a place with larger indices: of equal sums the first stays.
-        let places = (best.sums[there.clone()].iter_mut()).zip(&mut best.indices[there]);
-        for (i, ((sum, index), &s)) in places.zip(&*sums).enumerate() {
-            *index = if s < *sum { i as u16 } else { *index };
-            *sum = s.min(*sum);
+        let key = least_of(sums, tags, &mut best[width - 1 - x..][..count]);
+        let least = key >> TAG_BITS;
+        let from = usize::from(key & ((1 << TAG_BITS) - 1)) << coarse;
+        let mut k = from;
+        for i in (from..(from + (1 << coarse)).min(count)).rev() {
+            k = if sums[i] == least { i } else { k };
         }
         let step = if k == 0 || k + 1 == wanted {
             0.0
@@ -146,34 +180,34 @@ fn row_winners(
         let aside = &mut aside[..near.len()];
         aside.copy_from_slice(&sums[near.clone()]);
         sums[near.clone()].fill(u16::MAX);
-        let second = sums.iter().fold(u16::MAX, |a, &b| a.min(b));
+        let mut second = u16::MAX;
+        for &sum in &*sums {
+            second = second.min(sum);
+        }
         sums[near].copy_from_slice(aside);
         let (a, b) = (f32::from(least), f32::from(second));
         margin[x] = (b - a) / (b + a + 1.0);
     }
 }
 
-/// The first index of the least sum.
+/// The least key of a pixel's sums. Keys go into the right eye's `best` on the way.
 #[inline(always)]
-fn least_of(sums: &[u16]) -> (u16, usize) {
+fn least_of(sums: &[u16], tags: &[u16], best: &mut [u16]) -> u16 {
     const N: usize = 16;
-    let mut least = [u16::MAX; N];
-    let mut at = [0u16; N];
-    for (block, sums) in sums.chunks_exact(N).enumerate() {
+    let mut least = [NONE; N];
+    let sums = sums.chunks_exact(N).zip(tags.chunks_exact(N));
+    for ((sums, tags), best) in sums.zip(best.chunks_exact_mut(N)) {
         for i in 0..N {
-            let smaller = sums[i] < least[i];
-            least[i] = if smaller { sums[i] } else { least[i] };
-            at[i] = if smaller { block as u16 } else { at[i] };
+            let key = sums[i] << TAG_BITS | tags[i];
+            least[i] = least[i].min(key);
+            best[i] = best[i].min(key);
         }
     }
-    let lowest = least.iter().fold(u16::MAX, |a, &b| a.min(b));
-    let mut k = usize::MAX;
-    for i in 0..N {
-        if least[i] == lowest {
-            k = k.min(usize::from(at[i]) * N + i);
-        }
+    let mut lowest = NONE;
+    for least in least {
+        lowest = lowest.min(least);
     }
-    (lowest, k)
+    lowest
 }
 
 /// Where between -1/2 and 1/2 the minimum lies, of three sums of which the middle one is the least: two lines of equal and opposite
