@@ -1,6 +1,8 @@
 //! The controller: once per frame from what is known of the target to what the axes shall do.
 
-use nalgebra::Point3;
+mod looking_back;
+
+use nalgebra::{Point3, Vector3};
 use vergence_geometry::{HeadAngles, HeadGeometry};
 
 use crate::aim::AimFilter;
@@ -20,6 +22,14 @@ use crate::state::{ControlState, StateInputs, next_state};
 
 /// A parked axis is this near to its angle, rad (0.03°).
 const PARKED_WITHIN_RAD: f64 = 5e-4;
+
+/// An estimate that is not renewed is extrapolated for so long, s: a frame or two. Beyond that the target is taken to stand, since whoever
+/// estimates does not trust the prediction any more.
+const RENEWED_WITHIN_S: f64 = 0.15;
+
+/// A target that is out of sight is followed no further than this from where the head looked when it was last in sight, rad (10°): the place
+/// where it was stays in the pictures, and it is found again if it only stopped.
+const COAST_SWING_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
 
 /// What one axis shall do.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -111,6 +121,14 @@ pub struct Controller {
     believed: HeadAngles,
     modes: ModeSelector,
     parking: Option<Ramp>,
+    /// Pan and tilt of the target when it was last in sight, rad.
+    seen_at: Option<[f64; 2]>,
+    /// Pan and tilt around which it was surely in sight for the last while, rad.
+    usual_at: Option<[f64; 2]>,
+    /// For how long it was, at most [`USUAL_S`], s.
+    usual_s: f64,
+    /// Time of the last step in which the target was in sight, s.
+    noted_s: f64,
     shift_px: [f64; 2],
     focus_m: Option<f64>,
 }
@@ -175,6 +193,10 @@ impl Controller {
             believed: HeadAngles::default(),
             modes: ModeSelector::new(settings.mode.clone()),
             parking: None,
+            seen_at: None,
+            usual_at: None,
+            usual_s: 0.0,
+            noted_s: 0.0,
             shift_px: [0.0; 2],
             focus_m: None,
             settings,
@@ -245,9 +267,7 @@ impl Controller {
                 self.follow(now_s, readings[0].time_s)
             }
             ControlState::Parking => self.park(now_s),
-            ControlState::Searching | ControlState::Holding => {
-                self.output(now_s, AxisCommand::Hold, None)
-            }
+            ControlState::Searching | ControlState::Holding => self.look_back(now_s),
         };
         output.transition = transition;
         output.refused = output.refused.or(refused);
@@ -270,6 +290,13 @@ impl Controller {
     fn take(&mut self, estimate: &TargetEstimate, now_s: f64) -> Result<(), ControlError> {
         estimate.check(now_s)?;
         let s = &self.settings;
+        if self
+            .target
+            .is_some_and(|t| estimate.time_s >= t.time_s && estimate.seen_s < t.seen_s)
+        {
+            // The sighting on which the motors act was taken back: whether or not what is left can be followed, that one must not be.
+            self.target = None;
+        }
         let d = estimate.angle_deviations(&self.geometry, now_s + s.lead_s);
         let field = "deviation of the direction in rad";
         trusted(field, d.direction_rad, s.direction_deviation_max_rad)?;
@@ -322,7 +349,7 @@ impl Controller {
         let Some(mut wanted) = self.wanted(&target, at_s) else {
             let refused = ControlError::Estimate {
                 field: "predicted position z in m",
-                value: target.position_at(at_s).z,
+                value: predicted(&target, at_s).0.z,
                 rule: "greater than 0: in front of the head",
             };
             return self.output(now_s, AxisCommand::Hold, Some(refused));
@@ -356,9 +383,16 @@ impl Controller {
 
     /// Angles of the loads for full convergence at `at_s`.
     fn wanted(&mut self, target: &TargetEstimate, at_s: f64) -> Option<Wanted> {
-        let position_in_base = target.position_at(at_s);
-        let velocity = &target.velocity_in_base;
-        let aim = aim_from_target(&position_in_base, velocity)?;
+        let (position_in_base, velocity) = predicted(target, at_s);
+        let velocity = &velocity;
+        let mut aim = aim_from_target(&position_in_base, velocity)?;
+        if self.state == ControlState::Tracking {
+            self.seen_at = Some([aim.pan.angle_rad, aim.tilt.angle_rad]);
+            self.note_usual(at_s);
+        } else if let Some([pan, tilt]) = self.seen_at {
+            aim.pan = near(aim.pan, pan);
+            aim.tilt = near(aim.tilt, tilt);
+        }
         let pan = self.pan.step(at_s, aim.pan, self.believed.pan);
         let tilt = self.tilt.step(at_s, aim.tilt, self.believed.tilt);
         let mut turn =
@@ -423,19 +457,19 @@ impl Controller {
                 rate_rad_s: slope * way / ramp.duration_s,
             }
         });
-        let stay = |angle_rad| Moving {
-            angle_rad,
-            rate_rad_s: 0.0,
-        };
+        let back = self.return_way();
         let axes = [
-            stay(self.believed.pan),
-            stay(self.believed.tilt),
+            back[0].unwrap_or(stay(self.believed.pan)),
+            back[1].unwrap_or(stay(self.believed.tilt)),
             left,
             right,
         ];
         let (mut commands, clamped) = self.commands(at_s, &axes);
-        commands[0] = AxisCommand::Hold;
-        commands[1] = AxisCommand::Hold;
+        for (command, back) in commands.iter_mut().zip(back) {
+            if back.is_none() {
+                *command = AxisCommand::Hold;
+            }
+        }
         ControlOutput {
             commands,
             clamped,
@@ -507,6 +541,35 @@ impl Controller {
             clamped: [false; 4],
             refused,
         }
+    }
+}
+
+/// Where a target is expected, and how fast it moves then.
+fn predicted(target: &TargetEstimate, at_s: f64) -> (Point3<f64>, Vector3<f64>) {
+    let until_s = target.time_s + RENEWED_WITHIN_S;
+    let velocity = match at_s <= until_s {
+        true => target.velocity_in_base,
+        false => Vector3::zeros(),
+    };
+    (target.position_at(at_s.min(until_s)), velocity)
+}
+
+fn stay(angle_rad: f64) -> Moving {
+    Moving {
+        angle_rad,
+        rate_rad_s: 0.0,
+    }
+}
+
+/// An angle no further than [`COAST_SWING_RAD`] from another one.
+fn near(moving: Moving, from_rad: f64) -> Moving {
+    let most = from_rad - COAST_SWING_RAD..=from_rad + COAST_SWING_RAD;
+    match most.contains(&moving.angle_rad) {
+        true => moving,
+        false => Moving {
+            angle_rad: moving.angle_rad.clamp(*most.start(), *most.end()),
+            rate_rad_s: 0.0,
+        },
     }
 }
 

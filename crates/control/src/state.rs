@@ -16,15 +16,16 @@ use crate::error::ControlError;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ControlState {
-    /// No target is known; the axes hold where they are.
+    /// No target is known; pan and tilt turn back to where one was usually seen, if any was, and the axes stand.
     Searching,
     /// The axes follow the target.
     Tracking,
     /// The target was not seen for a moment; the axes follow the prediction.
     Coasting,
-    /// The prediction is too old; the axes slow down and stand.
+    /// The prediction is too old; vergence stands, and pan and tilt turn back towards where the target usually was, as far as the place where it
+    /// was last seen stays in the pictures.
     Holding,
-    /// The target stays away; the vergence axes go slowly to their safe angle.
+    /// The target stays away; the vergence axes go slowly to their safe angle, pan and tilt to where it usually was.
     Parking,
 }
 

@@ -324,6 +324,73 @@ fn loss_ends_parked() {
     assert!(end.left.abs() < 6e-4 && end.right.abs() < 6e-4, "{end:?}");
 }
 
+/// A target that walks to and fro and is lost as it runs to the right: the head never turns by more than 10° beyond where it last saw it, and
+/// by the end looks where the target usually was.
+#[test]
+fn a_lost_target_is_looked_for_where_it_was() {
+    let mut setup = Setup::new(HeadConfig::default(), ModeRequest::Converged);
+    setup.seen = |t| t < 9.0;
+    let (frames, head, _) = run(&setup, 20.0, |t| {
+        // 8° to either side; out of sight on at 2 m/s.
+        match t < 9.0 {
+            true => {
+                let phase = std::f64::consts::TAU * t / 4.0;
+                let x = 0.5 * phase.sin();
+                let speed = 0.5 * std::f64::consts::TAU / 4.0 * phase.cos();
+                (Point3::new(x, 0.0, 3.5), Vector3::new(speed, 0.0, 0.0))
+            }
+            false => (
+                Point3::new(0.5 + 2.0 * (t - 9.0), 0.0, 3.5),
+                Vector3::new(2.0, 0.0, 0.0),
+            ),
+        }
+    });
+    let pan = |t: f64| head.true_angles(t).unwrap().pan.to_degrees();
+    let end_s = frames[frames.len() - 1].time_s;
+    let most = (0..400).map(|i| pan(end_s - 3.0 + 0.0075 * f64::from(i)));
+    assert!(most.fold(0.0, f64::max) < 1.5);
+    let wanted = frames.iter().filter(|f| f.time_s > 8.9);
+    let farthest = wanted
+        .filter_map(|f| f.out.wanted)
+        .map(|w| w.pan.to_degrees());
+    assert!(farthest.fold(0.0, f64::max) < 8.2 + 10.0);
+    assert!(pan(end_s).abs() < 1.5, "{}", pan(end_s));
+}
+
+/// A sighting that is taken back, with nothing left that can be trusted: the motors stop following it at once.
+#[test]
+fn a_sighting_that_was_taken_back_is_not_followed() {
+    let head = HeadConfig::default();
+    let mut controller = Controller::new(ControlSettings::default(), RIG, head.limits()).unwrap();
+    let estimate = |time_s: f64, seen_s: f64, x: f64, speed: f64, sigma: f64| TargetEstimate {
+        time_s,
+        seen_s,
+        position_in_base: Point3::new(x, 0.0, 3.0),
+        velocity_in_base: Vector3::new(speed, 0.0, 0.0),
+        covariance: Matrix6::identity() * sigma * sigma,
+    };
+    let readings = |time_s| {
+        [vergence_control::AxisReading {
+            time_s,
+            position_rad: 0.0,
+            velocity_rad_s: 0.0,
+        }; 4]
+    };
+    let old = estimate(1.0, 1.0, 0.0, 0.0, 0.01);
+    assert_eq!(
+        controller.step(1.0, Some(&old), &readings(1.0)).state,
+        ControlState::Tracking
+    );
+    let hasty = estimate(1.4, 1.4, -0.5, -2.5, 0.01);
+    let out = controller.step(1.4, Some(&hasty), &readings(1.4));
+    assert!(matches!(out.commands[0], AxisCommand::Follow(_)));
+    let vague = estimate(1.5, 1.0, 0.2, 0.0, 2.0);
+    let out = controller.step(1.5, Some(&vague), &readings(1.5));
+    assert_eq!(out.state, ControlState::Holding);
+    assert_eq!(out.commands, [AxisCommand::Hold; 4]);
+    assert!(out.refused.is_some());
+}
+
 /// `auto` on a walk: one change at the threshold, with its reason; the target's parallax glides from the parallel value to zero without a jump.
 #[test]
 fn auto_changes_once_and_smoothly() {

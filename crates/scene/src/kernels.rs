@@ -3,6 +3,8 @@
 //! A ray is given by its undistorted position (nx, ny) on the camera's plane z = 1, so the ray parameter t is the
 //! depth along the optical axis. [`crate::reference`] is the plain form of all of this.
 
+use std::ops::Range;
+
 use multiversion::multiversion;
 
 /// Rays in step. Slices of one length.
@@ -20,6 +22,35 @@ pub(crate) struct Directions<'a> {
 pub(crate) struct Hits<'a> {
     pub(crate) t: &'a mut [f32],
     pub(crate) id: &'a mut [u32],
+}
+
+impl Rays<'_> {
+    /// Some of them.
+    pub(crate) fn part(&self, rays: &Range<usize>) -> Rays<'_> {
+        Rays {
+            nx: &self.nx[rays.clone()],
+            ny: &self.ny[rays.clone()],
+        }
+    }
+}
+
+impl Directions<'_> {
+    /// Those of some rays.
+    pub(crate) fn part(&self, rays: &Range<usize>) -> Directions<'_> {
+        Directions {
+            inverse: self.inverse.map(|v| &v[rays.clone()]),
+        }
+    }
+}
+
+impl Hits<'_> {
+    /// Those of some rays.
+    pub(crate) fn part(&mut self, rays: Range<usize>) -> Hits<'_> {
+        Hits {
+            t: &mut self.t[rays.clone()],
+            id: &mut self.id[rays],
+        }
+    }
 }
 
 /// A solid as one camera sees it at one instant: everything linear in (nx, ny, 1).

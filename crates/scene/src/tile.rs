@@ -3,6 +3,8 @@
 mod edges;
 mod smear;
 
+use std::ops::Range;
+
 use crate::kernels::{self, Directions, Hits, Rays, card_coordinates};
 use crate::light::Lighting;
 use crate::material::Textures;
@@ -25,6 +27,8 @@ const LANES: usize = 16;
 
 /// Samples of a pixel on an edge between two surfaces.
 pub(crate) const EDGE_SAMPLES: usize = 8;
+/// The same where it need not be so fine.
+pub(crate) const COARSE_EDGE_SAMPLES: usize = 2;
 /// Samples of a pixel that sees a mark.
 pub(crate) const MARK_SAMPLES: usize = 64;
 
@@ -88,6 +92,8 @@ pub(crate) struct Surroundings<'a> {
     pub(crate) level: [f32; 3],
     /// Size of a pixel at depth 1.
     pub(crate) pixel: f32,
+    /// Samples of a pixel on an edge, a power of two.
+    pub(crate) edge_samples: usize,
 }
 
 /// Neighbouring rays that met one surface.
@@ -122,6 +128,8 @@ pub(crate) struct Workspace {
     cuboids: Vec<usize>,
     solids: Vec<usize>,
     cards: Vec<usize>,
+    /// Bounds of every [`LANES`] rays.
+    bounds: Vec<Rect>,
     strangers: Vec<u16>,
     samples: [Vec<f32>; 3],
     /// What the tile's pixel centres see, and its colours there, while edges are smoothed.
@@ -151,6 +159,7 @@ impl Workspace {
             cuboids: Vec::new(),
             solids: Vec::new(),
             cards: Vec::new(),
+            bounds: Vec::new(),
             strangers: Vec::new(),
             samples: [room(), room(), room()],
             seen: vec![0; CAPACITY],
@@ -255,6 +264,10 @@ impl Workspace {
     /// First hits of the first n rays.
     fn trace(&mut self, n: usize, view: &View) {
         let n = pad(&mut self.nx, &mut self.ny, n);
+        self.bounds.clear();
+        let groups = self.nx[..n].as_chunks().0.iter();
+        self.bounds
+            .extend(groups.zip(self.ny[..n].as_chunks().0).map(bounds));
         let rays = Rays {
             nx: &self.nx[..n],
             ny: &self.ny[..n],
@@ -273,10 +286,17 @@ impl Workspace {
         };
         kernels::room_exit(&directions, &view.room[0], &view.room[1], &mut hits);
         for &i in &self.cuboids {
-            kernels::cuboid(&directions, &view.cuboids[i].0, &mut hits);
+            let (cuboid, rect) = &view.cuboids[i];
+            for rays in near(&self.bounds, rect) {
+                let directions = directions.part(&rays);
+                kernels::cuboid(&directions, cuboid, &mut hits.part(rays));
+            }
         }
         for &i in &self.solids {
-            kernels::solid(&rays, &view.solids[i].0, &mut hits);
+            let (solid, rect) = &view.solids[i];
+            for part in near(&self.bounds, rect) {
+                kernels::solid(&rays.part(&part), solid, &mut hits.part(part));
+            }
         }
         for &i in &self.cards {
             kernels::card(&rays, &view.cards[i].0, &mut hits);
@@ -354,6 +374,47 @@ fn pad(nx: &mut [f32], ny: &mut [f32], n: usize) -> usize {
     nx[n..full].fill(x);
     ny[n..full].fill(y);
     full
+}
+
+/// Bounds of a group of rays, a little wider than they are: rounding must not part a ray from what it touches.
+fn bounds((nx, ny): (&[f32; LANES], &[f32; LANES])) -> Rect {
+    /// Far below a pixel of any camera.
+    const SLACK: f32 = 1e-4;
+    let range = |n: &[f32; LANES]| {
+        let (mut lo, mut hi) = (*n, *n);
+        let mut half = LANES / 2;
+        while half > 0 {
+            for i in 0..half {
+                lo[i] = if lo[i + half] < lo[i] {
+                    lo[i + half]
+                } else {
+                    lo[i]
+                };
+                hi[i] = if hi[i + half] > hi[i] {
+                    hi[i + half]
+                } else {
+                    hi[i]
+                };
+            }
+            half /= 2;
+        }
+        [lo[0] - SLACK, hi[0] + SLACK]
+    };
+    Rect {
+        x: range(nx),
+        y: range(ny),
+    }
+}
+
+/// Ranges of the rays, by groups of [`LANES`], that may meet what lies within `rect`.
+fn near<'a>(bounds: &'a [Rect], rect: &'a Rect) -> impl Iterator<Item = Range<usize>> + 'a {
+    let mut next = 0;
+    std::iter::from_fn(move || {
+        let from = next + bounds[next..].iter().position(|b| b.meets(rect))?;
+        let rest = bounds[from..].iter();
+        next = from + rest.take_while(|b| b.meets(rect)).count();
+        Some(from * LANES..next * LANES)
+    })
 }
 
 /// The one face of the room that all rays of a rectangle leave by. A face is convex on the plane z = 1, so the

@@ -132,6 +132,14 @@ impl World {
         Ok(world)
     }
 
+    /// The same room with nobody in it.
+    pub fn without_people(&self) -> Self {
+        let mut world = self.clone();
+        world.walkers.clear();
+        world.config.path = PathSpec::Empty;
+        world
+    }
+
     /// What it was made from.
     pub fn config(&self) -> &WorldConfig {
         &self.config

@@ -19,6 +19,10 @@ const FASTEST_M_S: f64 = 2.5;
 /// Fastest that it is believed to go on out of sight, m/s: a brisk walk. The last sightings beside what hides it are the worst ones.
 const FASTEST_HIDDEN_M_S: f64 = 1.5;
 
+/// It is believed to come nearer or to go farther, out of sight, by this share of its distance at most: distances are what false matches
+/// get wrong, and a head that follows a target through itself looks anywhere.
+const NEARER_SHARE: f64 = 0.4;
+
 /// Length of the trail from which the steady velocity is taken, s: about one step of a walker, so that the sway within a
 /// step averages out.
 const TRAIL_S: f64 = 0.6;
@@ -73,6 +77,7 @@ impl Expectation {
         let last = filter.predict(last_s).ok()?;
         let start = last.position_in_base + limited(&last.velocity_in_base, FASTEST_M_S) * FRESH_S;
         let velocity = limited(&self.steady_velocity(), FASTEST_HIDDEN_M_S);
+        let velocity = kept_away(&velocity, &start);
         let fading = (-beyond_s / PERSISTENCE_S).exp();
         estimate.position_in_base = start + velocity * (PERSISTENCE_S * (1.0 - fading));
         estimate.velocity_in_base = velocity * fading;
@@ -97,6 +102,15 @@ fn limited(velocity: &Vector3<f64>, most_m_s: f64) -> Vector3<f64> {
     } else {
         *velocity
     }
+}
+
+/// A velocity whose part along the line of sight takes the target no more than [`NEARER_SHARE`] of its distance nearer or farther.
+fn kept_away(velocity: &Vector3<f64>, start: &Point3<f64>) -> Vector3<f64> {
+    let distance_m = start.coords.norm().max(1e-6);
+    let line = start.coords / distance_m;
+    let most_m_s = NEARER_SHARE * distance_m / PERSISTENCE_S;
+    let along_m_s = velocity.dot(&line);
+    velocity + line * (along_m_s.clamp(-most_m_s, most_m_s) - along_m_s)
 }
 
 #[cfg(test)]
@@ -138,6 +152,20 @@ mod tests {
                 - at(last_s + f64::from(i - 1) * 0.01).position_in_base;
             assert!(step.norm() < 0.02, "jump at step {i}");
         }
+    }
+
+    /// Whoever walks at the rig is not expected to walk through it.
+    #[test]
+    fn nobody_walks_through_the_rig() {
+        let at = Point3::new(0.1, 0.1, 1.2);
+        let velocity = kept_away(&Vector3::new(0.3, 0.0, -1.4), &at);
+        let end = at + velocity * PERSISTENCE_S;
+        assert!(
+            end.coords.norm() > 0.6 * at.coords.norm() - 1e-9 && end.z > 0.5,
+            "{end}"
+        );
+        let across = Vector3::new(1.0, 0.0, 0.0);
+        assert!((kept_away(&across, &Point3::new(0.0, 0.0, 3.0)) - across).norm() < 1e-12);
     }
 
     /// A velocity that no walker has is not believed.

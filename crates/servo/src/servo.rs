@@ -244,9 +244,10 @@ impl Servo {
             {
                 self.target.forget();
             }
+            let place = sight.place();
             let update = sight
                 .observation
-                .and_then(|seen| self.target.observe(seen.time_s, seen.sight, true));
+                .and_then(|seen| self.target.observe(seen.time_s, seen.sight, place.as_ref()));
             (update, self.target.at(capture_s), self.target.at(now_s))
         });
         Ok(Step {
@@ -451,7 +452,8 @@ impl Servo {
             Some(measurement) => measurement.sight,
             None => self.direction(stance, sighting)?,
         };
-        self.target.observe(capture_s, sight, measured.is_some())
+        let place = measured.map(|m| self.place(stance, m));
+        self.target.observe(capture_s, sight, place.as_ref())
     }
 
     fn place(&self, stance: &Stance, measured: &Measurement) -> Place {

@@ -13,6 +13,12 @@ use crate::expect::Expectation;
 /// a distance for longer may be a patch of the wall. Of slow sources the last pair counts, whenever it was.
 const IN_SIGHT_S: f64 = 0.1;
 
+/// After a pause longer than this, s, and than [`BLIND_PERIODS`] of the source, nothing is a moment ago: it was blind, not slow.
+const BLIND_S: f64 = 0.7;
+
+/// See [`BLIND_S`].
+const BLIND_PERIODS: f64 = 3.0;
+
 /// How far from where it was expected a target may be seen, m: along the line of sight, where false matches between the eyes
 /// lie, and across it, where the pictures say well enough who it is ...
 const REACH_M: [f64; 2] = [0.4, 0.5];
@@ -23,6 +29,16 @@ const REACH_SPEED_M_S: [f64; 2] = [0.6, 2.2];
 
 /// ... plus so many deviations of the measured distance along the line.
 const REACH_SIGMAS: f64 = 3.0;
+
+/// How far above or below where it was expected a target may be seen, m: less than from a chest to a face ...
+const REACH_LEVEL_M: f64 = 0.4;
+
+/// ... plus this for every second since it was last seen, m/s: people sit down, and hardly ever climb.
+const REACH_LEVEL_M_S: f64 = 0.2;
+
+/// Once the target has been hidden, the filter's answer to a sighting must lie this near to it, m, and within [`REACH_SIGMAS`] of its
+/// deviation: further, and what was expected was so vague that the two cannot be put together.
+const ANSWER_M: f64 = 0.5;
 
 /// A place that was measured, and how well its distance is known.
 #[derive(Clone, Copy, Debug)]
@@ -42,8 +58,8 @@ pub(crate) struct Target {
     claims: Claims,
     /// When the target was last seen with its distance, and believed.
     sighted_s: f64,
-    /// Capture times of the newest pair and of the one before.
-    pairs_s: [f64; 2],
+    /// Capture times of the newest pair and of the two before.
+    pairs_s: [f64; 3],
 }
 
 impl Target {
@@ -54,19 +70,21 @@ impl Target {
             before: None,
             claims: Claims::default(),
             sighted_s: f64::NEG_INFINITY,
-            pairs_s: [f64::NEG_INFINITY; 2],
+            pairs_s: [f64::NEG_INFINITY; 3],
         })
     }
 
     /// A pair of this time is looked at. To be called first, for every pair.
     pub(crate) fn begin(&mut self, capture_s: f64) {
-        self.pairs_s = [capture_s, self.pairs_s[0]];
+        self.pairs_s = [capture_s, self.pairs_s[0], self.pairs_s[1]];
     }
 
     /// Whether its distance was measured a moment ago.
     fn is_in_sight(&self) -> bool {
-        let [now_s, before_s] = self.pairs_s;
-        self.sighted_s >= before_s.min(now_s - IN_SIGHT_S)
+        let [now_s, before_s, earlier_s] = self.pairs_s;
+        let pause_s = now_s - before_s;
+        let blind = pause_s > BLIND_S && pause_s > BLIND_PERIODS * (before_s - earlier_s);
+        !blind && self.sighted_s >= before_s.min(now_s - IN_SIGHT_S)
     }
 
     /// There is no target any more.
@@ -87,6 +105,12 @@ impl Target {
         self.expectation.pace()
     }
 
+    /// Where it was when a sighting was last used.
+    fn last(&self) -> Option<Point3<f64>> {
+        let estimate = self.filter.predict(self.filter.last_used_s()?).ok()?;
+        Some(estimate.position_in_base)
+    }
+
     /// Whether the target can be what is seen: it must be where a walker could have got to, and have a distance unless it had one
     /// a moment ago. First sightings are not doubted. What goes on for so long, and so much like a walker, that the expectation must
     /// be wrong is believed all the same.
@@ -102,7 +126,9 @@ impl Target {
         match place {
             None => self.is_in_sight(),
             Some(place) => {
-                is_within_reach(place, &expected) || self.claims.add(capture_s, place.point_in_base)
+                let last = self.last().unwrap_or(expected.position_in_base);
+                is_within_reach(place, &expected, &last)
+                    || self.claims.add(capture_s, place.point_in_base)
             }
         }
     }
@@ -126,18 +152,24 @@ impl Target {
         }
     }
 
-    /// Take in what was seen; `measured` says whether its distance was.
-    pub(crate) fn observe(&mut self, time_s: f64, sight: Sight, measured: bool) -> Option<Update> {
+    /// Take in what was seen; `place` is where, if its distance was measured.
+    pub(crate) fn observe(
+        &mut self,
+        time_s: f64,
+        sight: Sight,
+        place: Option<&Place>,
+    ) -> Option<Update> {
         let hidden = !self.is_in_sight();
-        if measured {
+        if place.is_some() {
             self.sighted_s = time_s;
         }
+        let expected = self.at(time_s);
         let seen = Observation { time_s, sight };
         let mut update = self.filter.observe(&seen).ok()?;
-        if hidden && measured && update.verdict == Verdict::Rejected {
+        let strange = |p: &Place| update.verdict == Verdict::Rejected || !self.answers(time_s, p);
+        if hidden && place.is_some_and(strange) {
             // It was hidden, and is where a walker can be: the filter's own idea of where it went is the older one. The pace on the
             // trail stays: it is all that is left when the target soon hides again.
-            let expected = self.at(time_s);
             self.filter.reset();
             update = self.filter.observe(&seen).ok()?;
             if let (Some(expected), Ok(place)) = (expected, self.filter.predict(time_s)) {
@@ -152,14 +184,28 @@ impl Target {
         }
         Some(update)
     }
+
+    /// Whether the filter's answer lies near the place that it was given.
+    fn answers(&self, time_s: f64, place: &Place) -> bool {
+        self.filter.predict(time_s).is_ok_and(|answer| {
+            let off_m = (answer.position_in_base - place.point_in_base).norm();
+            off_m <= ANSWER_M + REACH_SIGMAS * place.sigma_m
+        })
+    }
 }
 
-fn is_within_reach(place: &Place, expected: &TargetEstimate) -> bool {
-    let way = place.point_in_base - expected.position_in_base;
-    let along = way.dot(&expected.position_in_base.coords.normalize());
+/// Whether a walker can be there who was last seen at `last`: near the way from there to where it is expected, since it may have stopped.
+fn is_within_reach(place: &Place, expected: &TargetEstimate, last: &Point3<f64>) -> bool {
+    let on = expected.position_in_base - last;
+    let share = (place.point_in_base - last).dot(&on) / on.norm_squared().max(1e-12);
+    let nearest = last + on * share.clamp(0.0, 1.0);
+    let way = place.point_in_base - nearest;
+    let along = way.dot(&nearest.coords.normalize());
     let across = (way.norm_squared() - along * along).max(0.0).sqrt();
     let reach = |i: usize| REACH_M[i] + REACH_SPEED_M_S[i] * expected.unseen_s;
-    along.abs() <= reach(0) + REACH_SIGMAS * place.sigma_m && across <= reach(1)
+    along.abs() <= reach(0) + REACH_SIGMAS * place.sigma_m
+        && across <= reach(1)
+        && way.y.abs() <= REACH_LEVEL_M + REACH_LEVEL_M_S * expected.unseen_s
 }
 
 #[cfg(test)]
@@ -183,7 +229,9 @@ mod tests {
                 position_in_base: Point3::new(0.0, 0.2, 5.0),
                 covariance: Matrix3::identity() * 1e-4,
             };
-            target.observe(f64::from(i) / 30.0, sight, true).unwrap();
+            target
+                .observe(f64::from(i) / 30.0, sight, Some(&place(0.0, 5.0)))
+                .unwrap();
         }
         target
     }
@@ -228,6 +276,45 @@ mod tests {
         assert!(target.can_be(SightingKind::Followed, None, 29.0 / 30.0 + 0.5));
         target.begin(29.0 / 30.0 + 1.0);
         assert!(!target.can_be(SightingKind::Followed, None, 29.0 / 30.0 + 1.0));
+    }
+
+    /// Who was expected to walk on may have stopped where last seen; nobody is suddenly a metre higher or lower.
+    #[test]
+    fn who_walks_may_stop_and_nobody_flies() {
+        let expected = TargetEstimate {
+            unseen_s: 2.0,
+            ..{
+                let mut estimate = standing().at(1.0).unwrap();
+                estimate.position_in_base = Point3::new(1.0, 0.2, 8.0);
+                estimate
+            }
+        };
+        let last = Point3::new(0.0, 0.2, 5.0);
+        let can = |p: Place| is_within_reach(&p, &expected, &last);
+        assert!(can(place(0.0, 5.0)) && can(place(1.0, 8.0)) && can(place(0.3, 6.0)));
+        assert!(!can(place(0.0, 2.5)) && !can(place(1.0, 10.5)));
+        let mut high = place(0.0, 5.0);
+        high.point_in_base.y = -1.0;
+        assert!(!can(high));
+    }
+
+    /// After seconds without any picture nothing is followed by its direction alone, and a distance that does not fit what was expected is
+    /// believed more than a mean of both.
+    #[test]
+    fn after_blindness_it_is_looked_for_anew() {
+        let mut target = standing();
+        let now_s = 29.0 / 30.0 + 2.4;
+        target.begin(now_s);
+        assert!(!target.can_be(SightingKind::Followed, None, now_s));
+        let there = place(0.6, 4.2);
+        assert!(target.can_be(SightingKind::Refound, Some(&there), now_s));
+        let sight = Sight::Position {
+            position_in_base: there.point_in_base,
+            covariance: Matrix3::identity() * 1e-3,
+        };
+        target.observe(now_s, sight, Some(&there)).unwrap();
+        let off = target.at(now_s).unwrap().position_in_base - there.point_in_base;
+        assert!(off.norm() < 0.2, "{off}");
     }
 
     /// The distance of somebody far away is known less well, and is not held against it.

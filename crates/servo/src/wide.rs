@@ -14,6 +14,7 @@ use vergence_track::{
 use crate::error::ServoError;
 use crate::prior::disparity_of_point;
 use crate::step::Measured;
+use crate::target::Place;
 
 /// From this angle between the optical axes on, patches of one eye are not looked for in the other, rad (20 degrees).
 const WIDE_RAD: f64 = 0.349;
@@ -37,6 +38,21 @@ pub(crate) struct WideSight {
     pub(crate) sighting: Option<Sighting>,
     pub(crate) measured: Option<Measured>,
     pub(crate) observation: Option<Observation>,
+}
+
+impl WideSight {
+    /// Where it was seen.
+    pub(crate) fn place(&self) -> Option<Place> {
+        let point_in_base = self.measured?.point_in_base;
+        let sigma_m = match self.observation?.sight {
+            Sight::Position { covariance, .. } => covariance.trace().max(0.0).sqrt(),
+            _ => return None,
+        };
+        Some(Place {
+            point_in_base,
+            sigma_m,
+        })
+    }
 }
 
 /// Look at one pair; `before` is the state after the pair before it.

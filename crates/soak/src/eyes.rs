@@ -86,23 +86,21 @@ impl Eyes {
         geometry: HeadGeometry,
         standing: Standing,
     ) -> Result<Self, SceneError> {
-        let world = |path| {
-            let config = WorldConfig {
-                path,
-                light: Light::Day,
-                seed,
-                marks: Vec::new(),
-            };
-            World::new(&config).map(Arc::new)
-        };
+        let world = World::new(&WorldConfig {
+            path: path(seed, seconds),
+            light: Light::Day,
+            seed,
+            marks: Vec::new(),
+        })?;
         let twin = TwinCamera {
             camera: camera(),
             motion_blur: false,
             ..TwinCamera::default()
         };
+        let renderer = Renderer::new(Arc::new(world), [twin; 2], seed)?.with_coarse_edges();
         Ok(Self {
-            renderer: Renderer::new(world(path(seed, seconds))?, [twin; 2], seed)?,
-            empty: Renderer::new(world(PathSpec::Empty)?, [twin; 2], seed)?,
+            empty: renderer.without_people(),
+            renderer,
             geometry,
             standing,
             next: 0,

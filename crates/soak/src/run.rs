@@ -262,6 +262,8 @@ impl Run {
                 let step = self.conductor.take(&pair, now_s)?;
                 self.watcher.stepped(self.world_s, step.as_ref());
                 if let Some(step) = &step {
+                    let pointing = self.eyes.pointing(self.world_s);
+                    self.watcher.saw(self.world_s, step, pointing);
                     self.tape.step(self.world_s, &pair, step);
                 }
             }
@@ -324,7 +326,8 @@ impl Run {
             16,
         );
         let pointing = self.eyes.pointing(self.world_s);
+        let unhomed = axes.contains(&vergence_control::AxisState::Unhomed);
         self.watcher
-            .rig(self.world_s, self.conductor.state(), pointing);
+            .rig(self.world_s, self.conductor.state(), unhomed, pointing);
     }
 }

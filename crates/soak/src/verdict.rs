@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use nalgebra::Point3;
 use vergence_control::supervisor::Decision;
 use vergence_control::{AxisState, DriveEvent, RigState};
 use vergence_servo::Step;
@@ -195,6 +196,24 @@ impl Watcher {
         self.unused = unused;
     }
 
+    /// What the loop saw and believes, a line for every pair.
+    pub(crate) fn saw(&self, world_s: f64, step: &Step, pointing: Option<f64>) {
+        let point = |p: Point3<f64>| format!("({:.2}, {:.2}, {:.2})", p.x, p.y, p.z);
+        let or_none = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
+        self.say(world_s, || {
+            let [pan, tilt, left, right] = step.angles.to_array().map(f64::to_degrees);
+            format!(
+                "  {:?}, {:?}; measured {}, believed {}; {}; axes at {pan:.1}, {tilt:.1}, {left:.1}, {right:.1} deg; off by {}",
+                step.state,
+                step.reason,
+                or_none(step.measured.map(|m| point(m.point_in_base))),
+                or_none(step.estimate.map(|e| point(e.position_in_base))),
+                step.control.as_ref().map_or("-", |c| c.state.name()),
+                or_none(pointing.map(|p| format!("{p:.2}"))),
+            )
+        });
+    }
+
     pub(crate) fn person(&mut self, world_s: f64) {
         self.asked_s = world_s;
         self.say(world_s, || "a person clears and homes".to_owned());
@@ -213,14 +232,25 @@ impl Watcher {
         });
     }
 
-    /// What the rig does at the end of a step.
-    pub(crate) fn rig(&mut self, world_s: f64, state: RigState, pointing: Option<f64>) {
+    /// What the rig does at the end of a step; `unhomed` says that an axis has no zero, which only a person may give it.
+    pub(crate) fn rig(
+        &mut self,
+        world_s: f64,
+        state: RigState,
+        unhomed: bool,
+        pointing: Option<f64>,
+    ) {
         self.state = state;
         self.steps += 1;
         let seen = pointing.unwrap_or(-1.0).to_bits() ^ state as u64;
         self.fingerprint = vergence_scene::hash::mix(self.fingerprint ^ seen);
         self.moving += u64::from(state.may_move());
-        let waits_for_a_person = matches!(state, RigState::Fault | RigState::Homing);
+        let waits_for_a_person = match state {
+            RigState::Fault | RigState::Homing => true,
+            // Cleared by a person while the port was still gone: it could not be homed then, and nothing moves before it is.
+            RigState::Holding | RigState::Starting => unhomed,
+            _ => false,
+        };
         self.judge(world_s, waits_for_a_person, pointing);
     }
 
@@ -265,5 +295,50 @@ impl Watcher {
         if self.trace {
             println!("{world_s:9.3} s  {}", text());
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::faults::Fault;
+
+    fn watcher() -> Watcher {
+        let plan = Plan {
+            seed: 1,
+            seconds: 60.0,
+            bug: None,
+            trace: false,
+        };
+        let gone = Planted {
+            fault: Fault::PortGone,
+            from_s: 10.0,
+            until_s: 12.0,
+        };
+        Watcher::new(&plan, &[gone])
+    }
+
+    /// A rig that holds has two seconds to follow again; one that holds without zeros waits for a person, but not for ever, and has its two
+    /// seconds once it is homed.
+    #[test]
+    fn only_a_person_gives_zeros() {
+        let told = |homed_s: f64, followed_s: f64| {
+            let mut watcher = watcher();
+            for i in 0..10_000 {
+                let world_s = f64::from(i) * 0.005;
+                let state = match world_s {
+                    t if t < homed_s => RigState::Holding,
+                    t if t < followed_s => RigState::Searching,
+                    _ => RigState::Tracking,
+                };
+                watcher.rig(world_s, state, world_s < homed_s, Some(0.0));
+            }
+            watcher.verdict().count
+        };
+        assert_eq!(told(0.0, 13.9), 0);
+        assert_eq!(told(0.0, 14.1), 1);
+        assert_eq!(told(20.0, 21.9), 0);
+        assert_eq!(told(20.0, 22.1), 1);
+        assert_eq!(told(40.0, 40.1), 1);
     }
 }

@@ -42,6 +42,12 @@ use crate::view::{
 };
 use crate::window::STEP_M;
 
+/// After a pause longer than this, s, and than [`BLIND_PERIODS`] of the source, the target has to be looked for anew: it was hidden meanwhile.
+const BLIND_S: f64 = 0.7;
+
+/// See [`BLIND_S`].
+const BLIND_PERIODS: f64 = 3.0;
+
 /// What may be chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -80,6 +86,8 @@ pub struct Follower {
     state: FollowState,
     belief: Option<Belief>,
     last_time_s: f64,
+    /// Time between the last two observations, s.
+    last_pause_s: f64,
     seen_s: f64,
     hidden_s: f64,
     since_lock_s: f64,
@@ -114,6 +122,7 @@ impl Follower {
             state: FollowState::Searching,
             belief: None,
             last_time_s: f64::NEG_INFINITY,
+            last_pause_s: f64::INFINITY,
             seen_s: 0.0,
             hidden_s: 0.0,
             since_lock_s: 0.0,
@@ -224,8 +233,15 @@ impl Follower {
                 seen.left.camera.intrinsics.height,
             )?;
         }
-        let dt = (seen.time_s - self.last_time_s).clamp(0.0, 1.0);
+        let pause_s = seen.time_s - self.last_time_s;
+        let dt = pause_s.clamp(0.0, 1.0);
+        let blind = pause_s > BLIND_S && pause_s > BLIND_PERIODS * self.last_pause_s;
         self.last_time_s = seen.time_s;
+        self.last_pause_s = pause_s;
+        if blind && self.state == FollowState::Tracking {
+            self.note = None;
+            self.lose();
+        }
         self.motion.forget_map();
         if self.state != FollowState::Tracking
             || self.motion.stands_still(&seen.left)

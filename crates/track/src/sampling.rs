@@ -1,5 +1,6 @@
 //! Sampling a rectangle in space, whatever the lens, through a picture's pyramid.
 
+use multiversion::multiversion;
 use nalgebra::{Point2, Point3, Vector2, Vector3};
 use vergence_geometry::Camera;
 use vergence_imaging::Gray;
@@ -132,12 +133,21 @@ impl Footprint {
         (across * down).sqrt()
     }
 
-    /// Calls `f(index, u, v)` for every sample, full-size pixels, row by row.
-    fn for_each(&self, mut f: impl FnMut(usize, f32, f32)) {
+    /// Calls `f(row, u, v)` for every row, with the places of its samples in full-size pixels.
+    fn for_each_row(&self, mut f: impl FnMut(usize, &mut [f32], &mut [f32])) {
         let cells = NODES - 1;
         let span_x = (self.cols - 1).max(1) as f64 / cells as f64;
         let span_y = (self.rows - 1).max(1) as f64 / cells as f64;
-        let mut index = 0;
+        // Of every column: how far it lies within its cell; of every cell: where its columns begin.
+        let mut starts = [0; NODES];
+        let along: Vec<f64> = (0..self.cols)
+            .map(|i| {
+                let cell_x = ((i as f64 / span_x) as usize).min(cells - 1);
+                starts[cell_x + 1..].fill(i + 1);
+                i as f64 / span_x - cell_x as f64
+            })
+            .collect();
+        let (mut u, mut v) = (vec![0.0; self.cols], vec![0.0; self.cols]);
         for j in 0..self.rows {
             let cell_y = ((j as f64 / span_y) as usize).min(cells - 1);
             let b = j as f64 / span_y - cell_y as f64;
@@ -145,13 +155,15 @@ impl Footprint {
                 let (top, bottom) = (self.nodes[cell_y][i], self.nodes[cell_y + 1][i]);
                 top + (bottom - top) * b
             });
-            for i in 0..self.cols {
-                let cell_x = ((i as f64 / span_x) as usize).min(cells - 1);
-                let a = i as f64 / span_x - cell_x as f64;
-                let p = edge[cell_x] + (edge[cell_x + 1] - edge[cell_x]) * a;
-                f(index, p.x as f32, p.y as f32);
-                index += 1;
+            for cell in 0..cells {
+                let columns = starts[cell]..starts[cell + 1];
+                let (from, way) = (edge[cell], edge[cell + 1] - edge[cell]);
+                let places = u[columns.clone()].iter_mut().zip(&mut v[columns.clone()]);
+                for ((u, v), a) in places.zip(&along[columns]) {
+                    (*u, *v) = ((from.x + way.x * a) as f32, (from.y + way.y * a) as f32);
+                }
             }
+            f(j, &mut u, &mut v);
         }
     }
 }
@@ -222,31 +234,97 @@ pub(crate) fn sample_level(
     footprint: &Footprint,
     out: &mut [f32],
 ) -> usize {
+    let mut inside = 0;
+    let cols = footprint.cols;
+    footprint.for_each_row(|row, u, v| {
+        inside += onto_level(picture, scale, u, v);
+        let out = &mut out[row * cols..][..cols];
+        bilinear_row(picture, u, v, out);
+    });
+    inside
+}
+
+/// Places in full-size pixels become places on a plane that is `scale` times as large; how many lie within it.
+fn onto_level(picture: &Gray, scale: f32, u: &mut [f32], v: &mut [f32]) -> usize {
     let (w, h) = picture.size();
     let (max_u, max_v) = ((w - 1) as f32, (h - 1) as f32);
     let mut inside = 0;
-    footprint.for_each(|index, u, v| {
-        let u = (u + 0.5) * scale - 0.5;
-        let v = (v + 0.5) * scale - 0.5;
-        inside += usize::from(u >= -0.5 && v >= -0.5 && u <= max_u + 0.5 && v <= max_v + 0.5);
-        out[index] = bilinear_clamped(picture, u, v);
-    });
-    inside
+    for (u, v) in u.iter_mut().zip(v) {
+        *u = (*u + 0.5) * scale - 0.5;
+        *v = (*v + 0.5) * scale - 0.5;
+        let is_in = (*u >= -0.5) & (*v >= -0.5) & (*u <= max_u + 0.5) & (*v <= max_v + 0.5);
+        inside += u32::from(is_in);
+    }
+    inside as usize
 }
 
 /// Where the pyramid ends before the sampling is coarse enough, the mean of four samples keeps noise and
 /// aliasing down.
 fn smooth_out(picture: &Gray, scale: f32, footprint: &Footprint, stride: f32, out: &mut [f32]) {
     let d = stride / 4.0;
-    footprint.for_each(|index, u, v| {
-        let u = (u + 0.5) * scale - 0.5;
-        let v = (v + 0.5) * scale - 0.5;
-        out[index] = 0.25
-            * (bilinear_clamped(picture, u - d, v - d)
-                + bilinear_clamped(picture, u + d, v - d)
-                + bilinear_clamped(picture, u - d, v + d)
-                + bilinear_clamped(picture, u + d, v + d));
+    let cols = footprint.cols;
+    footprint.for_each_row(|row, u, v| {
+        onto_level(picture, scale, u, v);
+        for (out, (&u, &v)) in out[row * cols..].iter_mut().zip(u.iter().zip(&*v)) {
+            *out = 0.25
+                * (bilinear_clamped(picture, u - d, v - d)
+                    + bilinear_clamped(picture, u + d, v - d)
+                    + bilinear_clamped(picture, u - d, v + d)
+                    + bilinear_clamped(picture, u + d, v + d));
+        }
     });
+}
+
+/// Samples that are looked up at a time.
+const BLOCK: usize = 64;
+
+/// [`bilinear_clamped`] of many places, to the bit.
+fn bilinear_row(picture: &Gray, u: &[f32], v: &[f32], out: &mut [f32]) {
+    let mut corners = [[0.0; BLOCK]; 4];
+    let mut at = [0; BLOCK];
+    let blocks = u.chunks(BLOCK).zip(v.chunks(BLOCK));
+    for ((u, v), out) in blocks.zip(out.chunks_mut(BLOCK)) {
+        let (w, h) = picture.size();
+        corner_of([w, h], u, v, &mut at);
+        let samples = picture.samples();
+        for (k, &at) in at[..u.len()].iter().enumerate() {
+            let at = at as usize;
+            let (above, below) = (&samples[at..at + 2], &samples[at + w..at + w + 2]);
+            corners[0][k] = f32::from(above[0]);
+            corners[1][k] = f32::from(above[1]);
+            corners[2][k] = f32::from(below[0]);
+            corners[3][k] = f32::from(below[1]);
+        }
+        blend([w, h], u, v, &corners, out);
+    }
+}
+
+/// Index of the upper left one of the four pixels around each place.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl", "x86_64+avx2"))]
+fn corner_of([w, h]: [usize; 2], u: &[f32], v: &[f32], at: &mut [u32; BLOCK]) {
+    let (max_u, max_v) = ((w - 1) as f32, (h - 1) as f32);
+    for ((at, u), v) in at.iter_mut().zip(u).zip(v) {
+        let x = (u.clamp(0.0, max_u) as i32).min(w as i32 - 2);
+        let y = (v.clamp(0.0, max_v) as i32).min(h as i32 - 2);
+        *at = (y * w as i32 + x) as u32;
+    }
+}
+
+/// Bilinear mean of the four pixels around each place.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl", "x86_64+avx2"))]
+fn blend([w, h]: [usize; 2], u: &[f32], v: &[f32], corners: &[[f32; BLOCK]; 4], out: &mut [f32]) {
+    let (max_u, max_v) = ((w - 1) as f32, (h - 1) as f32);
+    let n = out.len();
+    let [p00, p10, p01, p11] = corners.each_ref().map(|c| &c[..n]);
+    let (u, v) = (&u[..n], &v[..n]);
+    for k in 0..n {
+        let (u, v) = (u[k].clamp(0.0, max_u), v[k].clamp(0.0, max_v));
+        let a = u - (u as i32).min(w as i32 - 2) as f32;
+        let b = v - (v as i32).min(h as i32 - 2) as f32;
+        let top = p00[k] + a * (p10[k] - p00[k]);
+        let bottom = p01[k] + a * (p11[k] - p01[k]);
+        out[k] = top + b * (bottom - top);
+    }
 }
 
 /// Bilinear sample; outside, the nearest edge.
@@ -271,6 +349,31 @@ pub(crate) fn bilinear_clamped(picture: &Gray, u: f32, v: f32) -> f32 {
 mod tests {
     use super::*;
     use vergence_geometry::{BrownConrady, Distortion, Intrinsics};
+
+    /// Many samples at once are the plain ones to the bit, inside, on the last pixels and outside, in rows longer than a block.
+    #[test]
+    fn rows_are_sampled_as_single_places_are() {
+        let mut picture = Gray::filled(37, 23, 0);
+        for (i, value) in picture.samples_mut().iter_mut().enumerate() {
+            *value = (i * 7919 % 251) as u8;
+        }
+        let place = |i: usize, n: usize, size: f32| {
+            let share = (i * 2654 % n) as f32 / (n - 1) as f32;
+            share * (size + 8.0) - 4.0
+        };
+        for count in [1, 64, 157] {
+            let u: Vec<f32> = (0..count).map(|i| place(i, 157, 37.0)).collect();
+            let v: Vec<f32> = (0..count).map(|i| place(i * 3, 131, 23.0)).collect();
+            let mut out = vec![0.0; count];
+            bilinear_row(&picture, &u, &v, &mut out);
+            for i in 0..count {
+                assert_eq!(out[i], bilinear_clamped(&picture, u[i], v[i]), "{i}");
+            }
+        }
+        let mut corner = [0.0; 2];
+        bilinear_row(&picture, &[36.0, 36.2], &[22.0, 22.3], &mut corner);
+        assert_eq!(corner, [f32::from(picture.samples()[37 * 23 - 1]); 2]);
+    }
 
     /// A lens that folds beyond 45 degrees: inside it is the model itself, beyond there is a place for every direction, farther out the
     /// farther it points, and without a jump at the edge.

@@ -1,6 +1,8 @@
 //! Pixels at which the surface changes, taken with several rays.
 
-use super::{EDGE_SAMPLES, Instant, MARK_SAMPLES, Place, RayTable, Surroundings, TILE, Workspace};
+use std::ops::Range;
+
+use super::{Instant, MARK_SAMPLES, Place, RayTable, Surroundings, TILE, Workspace};
 use crate::kernels;
 use crate::reference::FIRST_CARD;
 use crate::view::View;
@@ -37,7 +39,7 @@ impl Workspace {
     ) {
         // Every instant of an exposure takes its share of the samples, at other places in the pixel.
         let all = if self.cards.is_empty() {
-            EDGE_SAMPLES
+            around.edge_samples
         } else {
             MARK_SAMPLES
         };
@@ -69,9 +71,6 @@ impl Workspace {
             }
             let n = pixels.len() * count;
             self.trace(n, view);
-            for &i in pixels {
-                out.iter_mut().for_each(|c| c[i as usize] = 0.0);
-            }
             self.borrow_colours(place, pixels, count, &shaded, out);
             self.shade_strangers(view, around, pixels, count, out);
         }
@@ -93,24 +92,39 @@ impl Workspace {
         self.strangers.clear();
         for (k, &i) in pixels.iter().enumerate() {
             let i = i as usize;
-            let (x, y) = (i % place.width, i / place.width);
-            let mut last = (u32::MAX, 0);
-            for s in k * count..(k + 1) * count {
-                let id = self.id[s];
-                if id != last.0 {
-                    match self.neighbour(place, x, y, id) {
-                        Some(from) => last = (id, from),
-                        None => {
-                            self.strangers.push(s as u16);
-                            continue;
-                        }
-                    }
-                }
-                for (out, shaded) in out.iter_mut().zip(shaded) {
-                    out[i] += share * shaded[last.1];
-                }
+            let pixel = (i % place.width, i / place.width);
+            let sum = self.borrowed(place, pixel, k * count..(k + 1) * count, shaded);
+            for (out, sum) in out.iter_mut().zip(sum) {
+                out[i] = share * sum;
             }
         }
+    }
+
+    /// Sum of the colours that samples of one pixel borrow. A function of its own: the sums stay in registers.
+    #[inline(never)]
+    fn borrowed(
+        &mut self,
+        place: &Place,
+        (x, y): (usize, usize),
+        samples: Range<usize>,
+        shaded: &[Vec<f32>; 3],
+    ) -> [f32; 3] {
+        let (mut last, mut colour, mut sum) = (u32::MAX, [0.0; 3], [0.0; 3]);
+        for s in samples {
+            let id = self.id[s];
+            if id != last {
+                let Some(from) = self.neighbour(place, x, y, id) else {
+                    self.strangers.push(s as u16);
+                    continue;
+                };
+                last = id;
+                colour = shaded.each_ref().map(|c| c[from]);
+            }
+            for (sum, colour) in sum.iter_mut().zip(colour) {
+                *sum += colour;
+            }
+        }
+        sum
     }
 
     /// The pixel (x, y) of the tile, or the first one next to it, whose centre sees surface `id`.
