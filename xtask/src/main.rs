@@ -4,6 +4,7 @@
 mod bench;
 mod gate;
 mod quality;
+mod recording;
 mod seeds;
 mod soak;
 mod tidy;
@@ -20,6 +21,8 @@ const USAGE: &str = "usage:
   cargo xtask bench-vs calibration stereo calibration beside OpenCV, judged by pairs held out
   cargo xtask bench-vs remap       remapping and rectification maps beside OpenCV
   cargo xtask bench-vs depth       dense disparity beside OpenCV's semi-global matchers
+  cargo xtask bench-vs recording [TIMES]
+                                   the loop in real time with a recording beside the loop without one
   cargo xtask seeds 1 20 [PATH]... the closed loop on seeds 1 to 20, each path beside its goal
   cargo xtask soak [--first-seed N] [--seeds N] [--seed N --trace]
                                    the loop under planted faults on a simulated clock, 1000 seeds of 60 s unless told otherwise
@@ -33,6 +36,8 @@ fn main() -> ExitCode {
         ["ci"] => gate::run(gate::Tests::Run),
         ["ci", "--without-tests"] => gate::run(gate::Tests::RanBefore),
         ["tidy"] => tidy::check(),
+        ["bench-vs", "recording"] => recording::run(None),
+        ["bench-vs", "recording", times] => recording::run(Some(times)),
         ["bench-vs", name] => bench::run(name),
         ["train-quality", words @ ..] => quality::train(words),
         ["evaluate-quality", words @ ..] => quality::evaluate(words),

@@ -86,6 +86,14 @@ pub enum CaptureError {
     /// A motor of the twin while it runs.
     #[error(transparent)]
     Axis(#[from] vergence_control::AxisError),
+    /// A twin with the pictures of a run that was gone through before has taken another course.
+    #[error(
+        "frame {frame} of the twin was rendered beforehand from another place than where its cameras stand now; the loop must do what it did then"
+    )]
+    Rehearsal {
+        /// Which frame.
+        frame: u64,
+    },
     /// Limits of pairing that contradict one another.
     #[error("frames cannot be paired: {0}")]
     Pairing(String),

@@ -21,4 +21,4 @@ pub use source::{
     CameraState, Frame, Liveness, Next, Source, SourceEvent, SourceEventKind, SourceInfo,
     StereoFrame,
 };
-pub use twin::{Knock, Standing, TwinConfig, TwinSource, TwinTruth};
+pub use twin::{Knock, Rehearsed, Standing, TwinConfig, TwinSource, TwinTruth};

@@ -5,6 +5,8 @@
 //! held for ever: [`crate::Source::next_within`] comes back without a pair when none is there in time, and [`crate::Source::liveness`] says which
 //! camera is to blame.
 
+#[cfg(test)]
+mod arbitrary;
 mod camera;
 mod look;
 mod offset;

@@ -1,5 +1,7 @@
 //! The simulated rig as a source: the world is rendered as the cameras on the moving head see it.
 
+mod rehearsed;
+
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -14,6 +16,8 @@ use vergence_scene::{Light, Mark, PathSpec, Renderer, Shot, TwinCamera, World, W
 use crate::CaptureError;
 use crate::clock::{Clock as _, RealClock};
 use crate::source::{Frame, Source, SourceInfo, StereoFrame};
+
+pub use rehearsed::Rehearsed;
 
 /// For so many frames back the truth is kept.
 pub const TRUTH_KEPT: usize = 256;
@@ -186,6 +190,7 @@ pub struct TwinSource {
     frames: u64,
     dropped: u64,
     truths: VecDeque<TwinTruth>,
+    rehearsed: Rehearsed,
 }
 
 impl TwinSource {
@@ -240,6 +245,7 @@ impl TwinSource {
             frames,
             dropped: 0,
             truths: VecDeque::with_capacity(TRUTH_KEPT),
+            rehearsed: Rehearsed::default(),
         })
     }
 
@@ -254,6 +260,13 @@ impl TwinSource {
     pub fn on_motors(mut self, standing: Standing, clock: RealClock) -> Self {
         self.standing = standing;
         self.clock = Some(clock);
+        self
+    }
+
+    /// The same twin with the pictures of the same run, rendered before: frames are given out of these instead of being rendered, as long as the
+    /// cameras stand where they stood then. [`Source::next_pair`] fails for a frame in which they do not.
+    pub fn with_rehearsed(mut self, rehearsed: Rehearsed) -> Self {
+        self.rehearsed = rehearsed;
         self
     }
 
@@ -331,7 +344,10 @@ impl TwinSource {
                 self.dropped += 1;
                 continue;
             }
-            let [left, right] = self.render(&truth, reuse);
+            let [left, right] = match self.rehearsed.take(&truth)? {
+                Some(pictures) => pictures,
+                None => self.render(&truth, reuse),
+            };
             return Ok(Some(StereoFrame {
                 index: truth.frame,
                 left: self.frame(Eye::Left, left, &truth),

@@ -148,7 +148,7 @@ fn text_of(info: &Info) -> String {
 }
 
 /// Words of a file as a terminal may have them: without characters that it would obey.
-fn shown(words: &str) -> String {
+pub(crate) fn shown(words: &str) -> String {
     words
         .chars()
         .map(|c| if c.is_control() { '\u{fffd}' } else { c })

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use vergence_calib::MachineCalibration;
 use vergence_capture::Source as _;
-use vergence_control::Controller;
+use vergence_control::{AxisLimits, AxisName, Controller};
 use vergence_geometry::Camera;
+use vergence_record::recording::Contents;
 use vergence_record::rows::Estimate;
 use vergence_record::table::Row as _;
 use vergence_record::{
@@ -16,10 +17,10 @@ use vergence_servo::{Motors, Rigging, Servo, ServoSettings, Step};
 use vergence_track::{FollowSettings, Posture};
 
 use crate::fault::{self, Fault};
-use crate::info::refused;
+use crate::info::{refused, shown};
 use crate::output::{self, Format};
 use crate::run::build;
-use crate::run::recording::{MACHINE, SETTINGS};
+use crate::run::recording::{LIMITS, MACHINE, SETTINGS};
 use crate::settings::Settings;
 
 /// What the command does, for its manual page.
@@ -192,6 +193,14 @@ fn servo_of(source: &ReplaySource, path: &Path) -> anyhow::Result<Servo> {
         .text(SETTINGS)
         .ok_or_else(|| lacks("the settings of its run"))?;
     let settings = Settings::from_recording(path, text)?;
+    let version = contents.facts.get("version").map(String::as_str);
+    if version != Some(env!("CARGO_PKG_VERSION")) {
+        output::say(&format!(
+            "recorded by version {} of the program, this is version {}: what differs may be due to that",
+            version.map_or_else(|| "(not told)".to_owned(), shown),
+            env!("CARGO_PKG_VERSION")
+        ));
+    }
     let target = contents.facts.get("target");
     let target = target.map(|text| build::box_from_text(text)).transpose()?;
     let info = source.info();
@@ -216,7 +225,7 @@ fn servo_of(source: &ReplaySource, path: &Path) -> anyhow::Result<Servo> {
             let control =
                 build::control_settings(&settings, &crate::rig::setup(&settings), &config)?;
             let backlash = control.backlash_rad;
-            let limits = config.head.limits();
+            let limits = limits_of(source, path)?.unwrap_or_else(|| config.head.limits());
             let controller = Controller::new(control, config.geometry, limits)
                 .map_err(|e| fault::usage(e.to_string()))?;
             let drive = source.drive(limits);
@@ -235,6 +244,19 @@ fn servo_of(source: &ReplaySource, path: &Path) -> anyhow::Result<Servo> {
     Servo::new(info, rigging, &of_servo).map_err(|e| fault::usage(e.to_string()).into())
 }
 
+/// What the axes of the recorded run could do, as their controller said; `None` when the recording does not tell: then the settings do.
+fn limits_of(source: &ReplaySource, path: &Path) -> anyhow::Result<Option<[AxisLimits; 4]>> {
+    let Some(text) = source.contents().text(LIMITS) else {
+        return Ok(None);
+    };
+    let wrong = |why: String| fault::usage(format!("{}: {LIMITS}: {why}", path.display()));
+    let limits: [AxisLimits; 4] = serde_json::from_str(text).map_err(|e| wrong(e.to_string()))?;
+    for (axis, limits) in AxisName::ALL.into_iter().zip(&limits) {
+        limits.check(axis).map_err(|e| wrong(e.to_string()))?;
+    }
+    Ok(Some(limits))
+}
+
 /// Refuse a recording that says one size of its pictures on /lens and another one elsewhere.
 fn fits(camera: &Camera, recorded: &Camera, place: &str, path: &Path) -> Result<(), Fault> {
     let size = |camera: &Camera| (camera.intrinsics.width, camera.intrinsics.height);
@@ -246,6 +268,12 @@ fn fits(camera: &Camera, recorded: &Camera, place: &str, path: &Path) -> Result<
             path.display()
         ))),
     }
+}
+
+/// The start of the recorded run on the clock of the world, ns since 1970; 0 where it is not told.
+fn epoch(contents: &Contents) -> u64 {
+    let told = contents.facts.get("epoch_ns");
+    told.and_then(|text| text.parse().ok()).unwrap_or(0)
 }
 
 /// A recording of the replay's numbers.
@@ -266,6 +294,8 @@ fn recorder(path: &Path, source: &ReplaySource) -> anyhow::Result<Recorder> {
         fps: info.fps,
         timing: false,
         truth: false,
+        // The replay's numbers lie where the run's lay.
+        epoch_ns: epoch(contents),
     };
     let settings = RecordSettings {
         pictures: Pictures::None,

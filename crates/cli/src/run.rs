@@ -9,6 +9,7 @@ mod panel;
 mod plot;
 mod record;
 pub(crate) mod recording;
+mod rehearsal;
 mod report;
 mod sample;
 mod session;
@@ -16,6 +17,7 @@ mod shown;
 mod statistics;
 mod still;
 mod summary;
+mod unused;
 mod view;
 mod watched;
 mod words;
@@ -127,6 +129,9 @@ pub(crate) struct RunArgs {
     /// Do not wait for the wall clock.
     #[arg(long)]
     fast: bool,
+    /// Render all pictures before the run, which then has the processors for itself as with cameras (up to 3 GB).
+    #[arg(long, conflicts_with = "fast", help_heading = "Twin")]
+    rehearse: bool,
     /// Leave no recording.mcap in the run's folder.
     #[arg(long)]
     no_record: bool,
@@ -193,8 +198,13 @@ pub(crate) fn run(global: &Global, args: &RunArgs) -> anyhow::Result<()> {
         rig::push(&mut flags, "record.on", "--no-record", Some("false"));
     }
     let settings = global.settings(&flags)?;
-    let built = build::from_args(args, &settings)?;
+    let mut built = build::from_args(args, &settings)?;
     let stop = stop_on_signals()?;
+    if args.rehearse {
+        output::say("rendering the pictures of the run");
+        let rehearsed = rehearsal::rehearse(built, &stop)?;
+        built = rehearsal::with_pictures(build::from_args(args, &settings)?, rehearsed);
+    }
     let outcome = session::run(built.feed, built.servo, &built.plan, &stop)?;
     match args.format {
         Format::Text => output::print(&report::text_of(&outcome))?,

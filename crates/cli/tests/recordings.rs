@@ -87,6 +87,95 @@ fn other_files_are_refused() {
     assert_eq!(output.status.code(), Some(2));
 }
 
+/// The same recording with other facts or attachments: `change` gets each as name and content, and leaves it out where it gives nothing.
+fn changed(from: &Path, to: &Path, change: impl Fn(&str, String) -> Option<String>) {
+    use vergence_record::mcap::{Channel, Event, Reader, Schema, Writer};
+    let mut reader = Reader::new(fs::File::open(from).unwrap()).unwrap();
+    let mut events = Vec::new();
+    let (mut schemas, mut channels) = (Vec::new(), Vec::new());
+    while let Some(event) = reader.next_event().unwrap() {
+        match event {
+            // They are declared twice: at the beginning and at the end.
+            Event::Schema { id, name, .. } if id as usize == schemas.len() + 1 => {
+                let data = Vec::new();
+                schemas.push(Schema { name, data });
+            }
+            Event::Channel {
+                id, schema, topic, ..
+            } if id as usize == channels.len() => {
+                let schema = schema as usize - 1;
+                channels.push(Channel { topic, schema });
+            }
+            other => events.push(other),
+        }
+    }
+    let (mut writer, mut out) = Writer::new("test", schemas, channels);
+    for event in events {
+        match event {
+            Event::Metadata { name, facts } => {
+                let facts: Vec<_> = (facts.into_iter())
+                    .filter_map(|(key, value)| Some((key.clone(), change(&key, value)?)))
+                    .collect();
+                out.extend(writer.metadata(&name, &facts));
+            }
+            Event::Attachment { name, data } => {
+                if let Some(text) = change(&name, String::from_utf8(data).unwrap()) {
+                    out.extend(writer.attachment(&name, "text/plain", 0, text.as_bytes()));
+                }
+            }
+            Event::Message {
+                channel,
+                log_ns,
+                publish_ns,
+                data,
+                ..
+            } => writer.message(channel as usize, log_ns, publish_ns, &data),
+            _ => {}
+        }
+    }
+    out.extend(writer.take_chunk());
+    out.extend(writer.finish());
+    fs::write(to, out).unwrap();
+}
+
+/// What a recording says of its run is believed when it can be, and refused in one sentence when it cannot: nothing of the settings, a setting that
+/// this version does not know, one that it does not allow, limits that no axis has. Another version is told.
+#[test]
+fn recordings_of_other_versions() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = recorded(&folder.path().join("a"), "jpeg");
+    let to = folder.path().join("changed.mcap");
+    let with = |name: &'static str, text: Option<&'static str>| {
+        changed(&file, &to, |found, old| match (found == name, text) {
+            (true, Some(text)) => Some(text.to_owned()),
+            (true, None) => None,
+            (false, _) => Some(old),
+        });
+        let output = vergence(&["replay", to.to_str().unwrap()]);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        (output.status.code(), said)
+    };
+    for (name, text, word) in [
+        ("settings.toml", None, "lacks the settings"),
+        ("settings.toml", Some("[run]\nwarp = 3\n"), "warp"),
+        ("settings.toml", Some("nonsense"), "not TOML"),
+        ("limits.json", Some("[]"), "limits.json"),
+    ] {
+        let (code, said) = with(name, text);
+        assert_eq!(code, Some(2), "{said}");
+        assert!(said.contains(word), "{said}");
+        let sentences = said.lines().filter(|l| !l.starts_with("hint:")).count();
+        assert_eq!(sentences, 1, "{said}");
+    }
+    let (code, said) = with("version", Some("0.0.1"));
+    assert!(
+        code == Some(0) && said.contains("recorded by version 0.0.1"),
+        "{said}"
+    );
+    let (code, said) = with("limits.json", None);
+    assert!(code == Some(0) && said.is_empty(), "{said}");
+}
+
 /// An export writes into no folder that it did not make, and removes none.
 #[test]
 fn an_export_leaves_other_folders_alone() {
@@ -172,6 +261,7 @@ fn a_disk_that_fills_up() {
     args.extend([out.path().to_str().unwrap(), "--format", "json"]);
     let output = vergence_on_small_disk("400", &args);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{said}");
     let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(summary["frames"], 21, "{said}");
     let told = said.matches("the recording has stopped").count();

@@ -198,6 +198,50 @@ fn bad_calls_leave_nothing_behind() {
     }
 }
 
+/// A run whose pictures were rendered beforehand is the run itself: the same rows, waited for by the wall clock. What would not fit into memory, and what
+/// makes no sense, is refused at once.
+#[test]
+fn a_rehearsed_run_is_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let args = ["--seconds", "0.6s", "--format", "json"];
+    let fast = running::vergence(
+        &[&args[..], &running::SMALL].concat(),
+        &folder.path().join("a"),
+    );
+    let mut real = running::command(&["run", "--rehearse", "--headless", "--no-record", "--out"]);
+    let real = real.arg(folder.path().join("b")).args(args);
+    let real = real.args(running::SMALL).output().unwrap();
+    let talk = String::from_utf8_lossy(&real.stderr).into_owned();
+    let summary: Value = serde_json::from_slice(&real.stdout).expect(&talk);
+    assert_eq!(
+        (&summary["real_time"], &summary["frames"]),
+        (&true.into(), &18.into())
+    );
+    assert!(summary["wall_seconds"].as_f64().unwrap() > 0.5);
+    assert!(summary["cores"].as_f64().unwrap() > 0.0);
+    let rows = |run: &str| {
+        let made = fs::read_dir(folder.path().join(run))
+            .unwrap()
+            .next()
+            .unwrap();
+        fs::read_to_string(made.unwrap().path().join("frames.csv")).unwrap()
+    };
+    assert!(fast.status.success());
+    assert_eq!(rows("a"), rows("b"));
+
+    let out = folder.path().join("c");
+    for (more, words) in [
+        (["--resolution", "2048x1536"], "would keep"),
+        (["--fast", "--headless"], "cannot be used with"),
+    ] {
+        let mut call = running::command(&["run", "--rehearse", "--out"]);
+        let refused = call.arg(&out).args(more).output().unwrap();
+        let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert_eq!(refused.status.code(), Some(2), "{said}");
+        assert!(said.contains(words) && !out.exists(), "{said}");
+    }
+}
+
 /// A walk through a wall, or through what stands before it, is refused with the place.
 #[test]
 fn a_path_through_a_wall_is_refused() {

@@ -81,12 +81,21 @@ pub fn shown_from_bytes(bytes: &[u8], path: &Path) -> Result<ShownPicture, Image
 }
 
 /// A frame of motion JPEG, as cameras send it: RGB, its pixels as they lie in it, refused when anything is missing. Such frames may leave out their Huffman
-/// tables, which are then those of ITU-T T.81, annex K.
+/// tables, which are then those of ITU-T T.81, annex K. A frame whose header asks for another size than the `wanted` one (width, height), or for more than
+/// [`MAX_DECODE_BYTES`], is refused before memory is taken for it: a few bytes can promise a picture of any size.
 ///
 /// # Errors
 /// What is wrong with it.
-pub fn rgb_from_motion_jpeg(bytes: &[u8]) -> Result<Rgb, String> {
-    let decode = || crate::jpeg::rgb_from_jpeg(&crate::jpeg::with_tables(bytes));
+pub fn rgb_from_motion_jpeg(bytes: &[u8], wanted: Option<(usize, usize)>) -> Result<Rgb, String> {
+    let decode = || {
+        let whole = crate::jpeg::with_tables(bytes);
+        let (width, height) = crate::jpeg::size_from_jpeg(&whole)?;
+        let too_large = 3 * width as u64 * height as u64 > MAX_DECODE_BYTES;
+        if too_large || wanted.is_some_and(|size| size != (width, height)) {
+            return Err(format!("it is {width} x {height} pixels"));
+        }
+        crate::jpeg::rgb_from_jpeg(&whole)
+    };
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode))
         .unwrap_or_else(|_| Err("the decoder gave up on it".to_owned()))
 }

@@ -517,11 +517,14 @@ mod tests {
         }
         assert!(taken > 0 && bare.len() + 400 < bytes.len());
         assert!(rgb_from_jpeg(&bare).is_err());
-        let whole = crate::files::rgb_from_motion_jpeg(&bytes).unwrap();
-        assert_eq!(crate::files::rgb_from_motion_jpeg(&bare).unwrap(), whole);
+        let whole = crate::files::rgb_from_motion_jpeg(&bytes, None).unwrap();
+        assert_eq!(
+            crate::files::rgb_from_motion_jpeg(&bare, None).unwrap(),
+            whole
+        );
         assert_eq!(whole, rgb_from_jpeg(&bytes).unwrap());
         for length in 0..bare.len() {
-            assert!(crate::files::rgb_from_motion_jpeg(&bare[..length]).is_err());
+            assert!(crate::files::rgb_from_motion_jpeg(&bare[..length], None).is_err());
         }
     }
 

@@ -6,7 +6,8 @@ use std::path::Path;
 
 use vergence_capture::{Clock as _, RealClock, Source as _};
 use vergence_record::{
-    Description, FileStorage, Pictures, RecordSettings, Recorder, ReplaySource, WhenFull, rows,
+    Beside, Description, FileStorage, Pictures, RecordSettings, Recorder, ReplaySource, WhenFull,
+    rows,
 };
 
 /// Pairs that are held in memory, and how often they are fed.
@@ -46,6 +47,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         fps: info.fps,
         timing: false,
         truth: false,
+        epoch_ns: 0,
     };
     let storage = Box::new(FileStorage::create(Path::new(&to))?);
     let settings = RecordSettings::default();
@@ -55,7 +57,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     for n in 0..ROUNDS * pairs.len() {
         clock.sleep_until(start_s + n as f64 / 30.0);
         let before_s = clock.now_s();
-        recorder.pair(&pairs[n % pairs.len()], n as f64 / 30.0, 0.0, Vec::new());
+        let pair = &pairs[n % pairs.len()];
+        recorder.pair(pair, n as f64 / 30.0, Beside::default(), "");
         recorder.happening(&rows::Happening::default());
         longest_s = longest_s.max(clock.now_s() - before_s);
     }

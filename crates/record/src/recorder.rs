@@ -1,24 +1,26 @@
 //! What a run hands its pairs and steps to; beside it a thread, or nothing but the caller.
 
+mod described;
+
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use nalgebra::Isometry3;
 use vergence_capture::{Clock as _, RealClock, StereoFrame};
-use vergence_geometry::Camera;
 use vergence_servo::Step;
 
 use crate::channels::{Channels, Topic};
 use crate::error::RecordError;
 use crate::foxglove::{self, BASE, CAMERAS, Level};
 use crate::picture::Pictures;
-use crate::queue::{Counts, Item, Limits, Outlet, Queue};
+use crate::queue::{Counts, Item, Outlet, Queue};
 use crate::rows;
 use crate::sink::{PictureChannels, Sink, SinkStatus};
 use crate::steps::{self, ns_from_s};
 use crate::storage::Storage;
 use crate::table::Row as _;
+
+pub use described::{Description, RecordSettings, WhenFull};
 
 /// Time between two repeats of the calibration, s: a viewer that begins in the middle does not look far for it.
 const CALIBRATION_EVERY_S: f64 = 5.0;
@@ -27,60 +29,16 @@ const CALIBRATION_EVERY_S: f64 = 5.0;
 const IDLE: Duration = Duration::from_millis(100);
 const OPEN_S: f64 = 0.9;
 
+/// By so much the writing thread is nicer than the loop (`nice(2)`, a third of the loop's share where both want one core): encoding can wait for a few
+/// milliseconds, setpoints cannot.
+#[cfg(target_os = "linux")]
+const NICER: i32 = 5;
+
 /// Why a recording goes no further when its thread panicked.
 const ENDED: &str = "the writing thread ended by itself";
 
 /// Shortest time between two rows of the recorder's own counts, s.
 const COUNTS_EVERY_S: f64 = 0.5;
-
-/// What a recording says of its run beforehand.
-#[derive(Clone, Debug)]
-pub struct Description {
-    /// Named facts: source, seed, version, mode …
-    pub facts: Vec<(String, String)>,
-    /// Files within the recording: name, media type, content.
-    pub attachments: Vec<(String, &'static str, Vec<u8>)>,
-    /// Both cameras as the loop believes them.
-    pub cameras: [Camera; 2],
-    /// Where cameras that do not move stand.
-    pub fixed_base_from_cam: Option<[Isometry3<f64>; 2]>,
-    /// Nominal pictures a second.
-    pub fps: f64,
-    /// Whether wall times are recorded, which are different in every run.
-    pub timing: bool,
-    /// Whether there is a truth.
-    pub truth: bool,
-}
-
-/// How a recording is made.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RecordSettings {
-    /// How pictures are recorded.
-    pub pictures: Pictures,
-    /// One pair in so many keeps its pictures, from 1.
-    pub every: u64,
-    /// Bounds of what waits.
-    pub limits: Limits,
-}
-
-impl Default for RecordSettings {
-    fn default() -> Self {
-        Self {
-            pictures: Pictures::Jpeg(85),
-            every: 1,
-            limits: Limits::default(),
-        }
-    }
-}
-
-/// What to do when what waits has reached its bound.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum WhenFull {
-    /// Leave pictures out and go on: the loop never waits.
-    Thin,
-    /// Wait for the disk: nothing is left out. For runs that nobody waits for.
-    Wait,
-}
 
 /// How a recording stands.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -128,6 +86,8 @@ pub struct Beside {
     pub truth: Option<rows::Truth>,
     /// How much later than the pair's own times the loop took them, since the clock had gone back, s.
     pub offset_s: f64,
+    /// How long the pair lay there before the loop took it, s.
+    pub waited_s: f64,
 }
 
 /// A recording while it is made.
@@ -144,11 +104,17 @@ pub struct Recorder {
 }
 
 enum Target {
-    Here {
-        queue: Box<Queue>,
-        sink: Box<Sink<Box<dyn Storage>>>,
-    },
+    Here(Box<Here>),
     Beside(Writing),
+}
+
+/// Everything in the caller's own thread. Dropped, it writes what waits and ends the file, as far as the storage takes it.
+struct Here {
+    queue: Queue,
+    sink: Sink<Box<dyn Storage>>,
+    /// The newest time that the caller told, s.
+    now_s: f64,
+    ended: bool,
 }
 
 /// The thread that encodes and writes. Dropped, it writes what waits and ends.
@@ -173,17 +139,21 @@ struct State {
 }
 
 impl Recorder {
-    /// A recorder without a thread: [`Recorder::pump`] does the work when it is called. The same calls give the same bytes.
+    /// A recorder without a thread: [`Recorder::pump`] does the work when it is called. The same calls give the same bytes. Dropped without
+    /// [`Recorder::finish`] it ends the file as well as it can, and nobody is told how well that is.
     pub fn here(
         description: Description,
         settings: RecordSettings,
         storage: Box<dyn Storage>,
     ) -> Result<Self, RecordError> {
         let (channels, sink) = begin(&description, &settings, storage)?;
-        let target = Target::Here {
-            queue: Box::new(Queue::new(settings.limits)),
-            sink: Box::new(sink),
+        let here = Here {
+            queue: Queue::new(settings.limits),
+            sink,
+            now_s: 0.0,
+            ended: false,
         };
+        let target = Target::Here(Box::new(here));
         Ok(Self::with(channels, description, settings, target))
     }
 
@@ -244,7 +214,7 @@ impl Recorder {
     /// Take a pair and what the loop made of it. Never waits for the disk unless it was told to.
     pub fn step(&mut self, pair: &StereoFrame, step: &Step, beside: Beside) {
         let log_s = step.command_s;
-        let capture_ns = ns_from_s(step.capture_s);
+        let capture_ns = self.ns(step.capture_s);
         let offset_s = beside.offset_s;
         let kept = self.offer_pictures(pair, log_s, offset_s);
         let mut items = Vec::with_capacity(24);
@@ -292,7 +262,7 @@ impl Recorder {
         if let Some(note) = &step.health {
             put(Topic::Health, steps::health(note).encode());
         }
-        put(Topic::Timing, steps::timing(step).encode());
+        put(Topic::Timing, steps::timing(step, beside.waited_s).encode());
         for change in steps::changes(step) {
             let text = format!(
                 "{}: {} -> {}, {}",
@@ -308,22 +278,19 @@ impl Recorder {
         self.push(log_s, items);
     }
 
-    /// Take a pair that the loop made nothing of (too late, dark, torn), at a time of the run; its own times lie `offset_s` before that clock.
-    /// `readings` are those of the step counters since the last pair.
-    pub fn pair(
-        &mut self,
-        pair: &StereoFrame,
-        log_s: f64,
-        offset_s: f64,
-        readings: Vec<rows::Axis>,
-    ) {
+    /// Take a pair that the loop made nothing of and why (stamped wrongly, dark, frozen, the rig stands), at a time of the run. `beside` has the readings
+    /// of the step counters since the last pair.
+    pub fn pair(&mut self, pair: &StereoFrame, log_s: f64, beside: Beside, refused: &str) {
         let log_s = log_s.max(self.logged_s);
-        let kept = self.offer_pictures(pair, log_s, offset_s);
-        let row = steps::pair(pair, kept, offset_s);
-        let ns = ns_from_s((row.left_capture_s + row.right_capture_s) / 2.0);
+        let kept = self.offer_pictures(pair, log_s, beside.offset_s);
+        let row = rows::Pair {
+            refused: Some(refused.to_owned()),
+            ..steps::pair(pair, kept, beside.offset_s)
+        };
+        let ns = self.ns((row.left_capture_s + row.right_capture_s) / 2.0);
         let mut items = Vec::new();
         self.put(&mut items, Topic::Pair, ns, row.encode());
-        for mut row in readings {
+        for mut row in beside.readings {
             row.index = pair.index;
             self.put(&mut items, Topic::Axis, ns, row.encode());
         }
@@ -332,7 +299,7 @@ impl Recorder {
 
     /// Take something that happened, for the log and the events. What happened earlier than the last message is recorded with that one's time.
     pub fn happening(&mut self, happening: &rows::Happening) {
-        let ns = ns_from_s(happening.time_s);
+        let ns = self.ns(happening.time_s);
         let level = match happening.level.as_str() {
             "error" => Level::Error,
             "warning" => Level::Warning,
@@ -347,10 +314,12 @@ impl Recorder {
 
     /// Without a thread: encode and write what waits, as far as the storage takes it, at this time of the caller's clock (s, never decreasing).
     pub fn pump(&mut self, now_s: f64) {
-        let old_ns = ns_from_s(now_s - OPEN_S);
-        let Target::Here { queue, sink } = &mut self.target else {
+        let old_ns = self.ns(now_s - OPEN_S);
+        let Target::Here(here) = &mut self.target else {
             return;
         };
+        here.now_s = now_s;
+        let Here { queue, sink, .. } = &mut **here;
         sink.drain(now_s);
         while sink.is_ready() {
             let Some(work) = queue.pop() else { break };
@@ -368,7 +337,7 @@ impl Recorder {
     /// How the recording stands.
     pub fn status(&self) -> RecordStatus {
         match &self.target {
-            Target::Here { queue, sink } => RecordStatus::of(queue, sink.status()),
+            Target::Here(here) => RecordStatus::of(&here.queue, here.sink.status()),
             Target::Beside(beside) => {
                 let state = beside.state();
                 RecordStatus::of(&state.queue, &state.sink)
@@ -379,7 +348,7 @@ impl Recorder {
     /// Bytes that wait: pictures, numbers. Never more than the bounds and one pair.
     pub fn waiting_bytes(&self) -> [usize; 2] {
         match &self.target {
-            Target::Here { queue, .. } => queue.bytes(),
+            Target::Here(here) => here.queue.bytes(),
             Target::Beside(beside) => beside.state().queue.bytes(),
         }
     }
@@ -387,26 +356,16 @@ impl Recorder {
     /// Write what waits and end the file; how it stood at the end, and its length or why it was cut to the last whole chunk.
     pub fn finish(mut self, now_s: f64) -> (RecordStatus, Result<u64, RecordError>) {
         self.pump(now_s);
-        match self.target {
-            Target::Here {
-                mut queue,
-                mut sink,
-            } => {
-                // What the storage did not take in its last pump it is asked for once more, at once.
-                while sink.ask_again(now_s) {
-                    let Some(work) = queue.pop() else { break };
-                    sink.work(work, now_s);
-                }
-                queue.give_up();
-                let (status, result) = sink.finish(now_s);
-                (RecordStatus::of(&queue, &status), result)
-            }
-            Target::Beside(mut beside) => {
-                let result = beside.end();
-                let state = beside.state();
-                (RecordStatus::of(&state.queue, &state.sink), result)
-            }
-        }
+        let result = match &mut self.target {
+            Target::Here(here) => here.end(now_s),
+            Target::Beside(beside) => beside.end(),
+        };
+        (self.status(), result)
+    }
+
+    /// A time of the run as the recording has it.
+    fn ns(&self, time_s: f64) -> u64 {
+        self.description.epoch_ns.saturating_add(ns_from_s(time_s))
     }
 
     fn put(&self, items: &mut Vec<Item>, topic: Topic, publish_ns: u64, data: Vec<u8>) {
@@ -447,9 +406,9 @@ impl Recorder {
         }
         let pictures = [&pair.left.picture, &pair.right.picture];
         let bytes: usize = pictures.iter().map(|p| 3 * p.samples().len()).sum();
-        let log_ns = ns_from_s(log_s);
+        let log_ns = self.ns(log_s);
         let capture_ns = [pair.left.capture_s, pair.right.capture_s]
-            .map(|time_s| ns_from_s(steps::later(time_s, offset_s)));
+            .map(|time_s| self.ns(steps::later(time_s, offset_s)));
         let offer = |queue: &mut Queue, failed: bool| {
             // A disk that takes nothing needs all the room for numbers.
             let outlet = match failed {
@@ -463,7 +422,10 @@ impl Recorder {
             wanted
         };
         match &mut self.target {
-            Target::Here { queue, sink } => offer(queue, sink.has_failed()),
+            Target::Here(here) => {
+                let failed = here.sink.has_failed();
+                offer(&mut here.queue, failed)
+            }
             Target::Beside(beside) => {
                 let mut state = beside.with_room(|queue| queue.has_room(bytes));
                 let failed = state.sink.failure.is_some();
@@ -479,9 +441,9 @@ impl Recorder {
             return;
         }
         self.logged_s = self.logged_s.max(log_s);
-        let log_ns = ns_from_s(log_s);
+        let log_ns = self.ns(log_s);
         match &mut self.target {
-            Target::Here { queue, .. } => queue.push_numbers(log_ns, items),
+            Target::Here(here) => here.queue.push_numbers(log_ns, items),
             Target::Beside(beside) => {
                 let mut state = beside.with_room(|queue| queue.has_room_for(&items));
                 state.queue.push_numbers(log_ns, items);
@@ -507,9 +469,32 @@ impl Recorder {
         if row == told || log_s - self.told.time_s < COUNTS_EVERY_S {
             return;
         }
-        let ns = ns_from_s(log_s);
+        let ns = self.ns(log_s);
         self.put(items, Topic::Recorder, ns, row.encode());
         self.told = row;
+    }
+}
+
+impl Here {
+    /// Write what waits and end the file.
+    fn end(&mut self, now_s: f64) -> Result<u64, RecordError> {
+        self.ended = true;
+        // What the storage did not take in its last pump it is asked for once more, at once.
+        while self.sink.ask_again(now_s) {
+            let Some(work) = self.queue.pop() else { break };
+            self.sink.work(work, now_s);
+        }
+        self.queue.give_up();
+        self.sink.finish(now_s)
+    }
+}
+
+impl Drop for Here {
+    fn drop(&mut self) {
+        if !self.ended {
+            // Nobody is left to be told; what the storage does not take is cut off.
+            let _ = self.end(self.now_s);
+        }
     }
 }
 
@@ -584,6 +569,9 @@ fn write_beside(
     shared: &Shared,
     when_full: WhenFull,
 ) -> (SinkStatus, Result<u64, RecordError>) {
+    if when_full == WhenFull::Thin {
+        let_others_go_first();
+    }
     let clock = RealClock::new();
     let mut opened_s = 0.0;
     loop {
@@ -627,7 +615,15 @@ fn write_beside(
             }
         }
     }
-    sink.finish(clock.now_s())
+    let result = sink.finish(clock.now_s());
+    (sink.status().clone(), result)
+}
+
+/// Make the calling thread nicer. On Linux alone niceness is a thread's own; elsewhere it is the whole program's, loop included.
+fn let_others_go_first() {
+    // A system that refuses leaves the thread as it is.
+    #[cfg(target_os = "linux")]
+    let _ = rustix::process::nice(NICER);
 }
 
 fn begin(
@@ -660,7 +656,11 @@ fn begin(
     let library = concat!("vergence ", env!("CARGO_PKG_VERSION"));
     let (schemas, list) = (channels.schemas.clone(), channels.channels.clone());
     let mut sink = Sink::new(storage, library, schemas, list, to);
-    sink.begin(&description.facts, &description.attachments);
+    sink.begin(
+        &description.facts,
+        &description.attachments,
+        description.epoch_ns,
+    );
     // A disk that takes nothing is told before anything depends on it.
     sink.drain(0.0);
     if let Some(reason) = &sink.status().failure {

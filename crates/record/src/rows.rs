@@ -11,6 +11,7 @@ row! {
         left_arrival_s: f64 = "when the left picture was there, s on the run's clock",
         right_arrival_s: f64 = "when the right picture was there, s on the run's clock",
         kept: bool = "whether the pictures of this pair were handed to the recorder's queue; false: thinned, or pictures are not recorded",
+        refused: Option<String> = "why the loop did not use this pair, in words; not there when it did",
     }
 }
 
@@ -195,6 +196,7 @@ row! {
         control_s: f64 = "filter, prediction, control law, s",
         health_s: f64 = "handing a pair to the watcher, s",
         latency_s: f64 = "from the middle of the exposure to the setpoints, s",
+        waited_s: f64 = "how much of it the pair lay there before the loop took it, s",
     }
 }
 

@@ -126,16 +126,17 @@ impl<S: Storage> Sink<S> {
         self.taken == self.out.len()
     }
 
-    /// Facts and files that stand before the first message.
+    /// Facts and files that stand before the first message, recorded at this time.
     pub fn begin(
         &mut self,
         facts: &[(String, String)],
         attachments: &[(String, &'static str, Vec<u8>)],
+        log_ns: u64,
     ) {
         let metadata = self.writer.metadata("vergence", facts);
         self.hand_out(metadata);
         for (name, media_type, data) in attachments {
-            let attachment = self.writer.attachment(name, media_type, 0, data);
+            let attachment = self.writer.attachment(name, media_type, log_ns, data);
             self.hand_out(attachment);
         }
     }
@@ -276,9 +277,9 @@ impl<S: Storage> Sink<S> {
     }
 
     /// End the file: the open chunk, the summary. When the storage takes no more, what is there is cut to the last whole chunk, and the error
-    /// says why. How it stood at the end, and the length of the file.
-    pub fn finish(mut self, now_s: f64) -> (SinkStatus, Result<u64, RecordError>) {
-        let result = self.end(now_s).map_err(|source| {
+    /// says why. The length of the file. Nothing may be written afterwards.
+    pub fn finish(&mut self, now_s: f64) -> Result<u64, RecordError> {
+        self.end(now_s).map_err(|source| {
             // Best effort: what is left after the last whole chunk is no chunk, and a reader passes over it as well.
             let _ = self.storage.cut(self.whole);
             self.status.lost = self.closed;
@@ -287,8 +288,7 @@ impl<S: Storage> Sink<S> {
                 action: "finishing",
                 source,
             }
-        });
-        (self.status, result)
+        })
     }
 
     fn end(&mut self, now_s: f64) -> io::Result<u64> {

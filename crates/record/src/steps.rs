@@ -40,6 +40,7 @@ pub(crate) fn pair(pair: &StereoFrame, kept: bool, offset_s: f64) -> rows::Pair 
         left_arrival_s: later(pair.left.arrival_s, offset_s),
         right_arrival_s: later(pair.right.arrival_s, offset_s),
         kept,
+        refused: None,
     }
 }
 
@@ -218,7 +219,8 @@ pub(crate) fn health(note: &HealthNote) -> rows::Health {
     }
 }
 
-pub(crate) fn timing(step: &Step) -> rows::Timing {
+/// Wall times of a step whose pair lay there for `waited_s` before the loop took it.
+pub(crate) fn timing(step: &Step, waited_s: f64) -> rows::Timing {
     let of = |stage| step.times.of(stage);
     rows::Timing {
         index: step.index,
@@ -227,7 +229,8 @@ pub(crate) fn timing(step: &Step) -> rows::Timing {
         measure_s: of(Stage::Measure),
         control_s: of(Stage::Control),
         health_s: of(Stage::Health),
-        latency_s: (step.arrival_s - step.capture_s) + step.times.total_s(),
+        latency_s: (step.arrival_s - step.capture_s) + waited_s + step.times.total_s(),
+        waited_s,
     }
 }
 

@@ -258,3 +258,35 @@ proptest! {
         }
     }
 }
+
+/// Beside a loop in real time the writing thread is nicer than all others, which stay as they are.
+#[cfg(target_os = "linux")]
+#[test]
+fn the_writer_lets_the_loop_go_first() {
+    let niceness = |of_writer: bool| -> Vec<i32> {
+        let tasks = std::fs::read_dir("/proc/self/task").unwrap();
+        tasks
+            .filter_map(|task| {
+                let stat = std::fs::read_to_string(task.ok()?.path().join("stat")).ok()?;
+                // Number, name in brackets, and then the nineteenth field (proc(5)).
+                let (name, rest) = stat.rsplit_once(')')?;
+                let nice = rest.split_whitespace().nth(16)?.parse().ok()?;
+                (name.ends_with("(recorder") == of_writer).then_some(nice)
+            })
+            .collect()
+    };
+    let disk = Box::new(Disk::new());
+    let usual = niceness(false).into_iter().min().unwrap();
+    let recorder = Recorder::beside(description(SIZE), png(), disk, WhenFull::Thin).unwrap();
+    let mut nicer = false;
+    for _ in 0..200 {
+        nicer = niceness(true).contains(&(usual + 5));
+        if nicer {
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    assert!(nicer, "{:?}", niceness(true));
+    assert!(niceness(false).iter().all(|nice| *nice == usual));
+    recorder.finish(0.0).1.unwrap();
+}

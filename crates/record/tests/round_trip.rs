@@ -11,7 +11,7 @@ use vergence_capture::Source as _;
 use vergence_control::{AxisLimits, AxisName};
 use vergence_record::recording::{Info, Recording};
 use vergence_record::table::Row as _;
-use vergence_record::{Beside, Recorder, ReplaySource, Topic, WhenFull, rows, steps};
+use vergence_record::{Beside, Description, Recorder, ReplaySource, Topic, WhenFull, rows, steps};
 
 const SIZE: (usize, usize) = (48, 32);
 const PAIRS: u64 = 70;
@@ -95,6 +95,100 @@ fn the_thread_changes_nothing() {
     assert!(disk.bytes() == recorded(), "bytes differ");
 }
 
+/// The rows of all pairs.
+fn pairs_in(disk: &Disk) -> Vec<rows::Pair> {
+    let bytes = disk.bytes();
+    let mut recording = Recording::new(&bytes[..]).unwrap();
+    let mut pairs = Vec::new();
+    while let Some(message) = recording.next_message().unwrap() {
+        if message.topic == Some(Topic::Pair) {
+            pairs.push(rows::Pair::decode(&message.data).unwrap());
+        }
+    }
+    pairs
+}
+
+/// A recorder that is dropped without its end leaves a whole file with everything that it was given, pumped or not.
+#[test]
+fn dropped_is_ended() {
+    let disk = Disk::new();
+    let mut recorder = Recorder::here(description(SIZE), png(), Box::new(disk.clone())).unwrap();
+    for index in 0..5 {
+        let pair = pair(index, SIZE);
+        recorder.step(&pair, &step(&pair), Beside::default());
+    }
+    drop(recorder);
+    let info = Info::read(&disk.bytes()[..]).unwrap();
+    assert!(info.contents.finished && info.contents.problems.is_empty());
+    assert_eq!((pairs_in(&disk).len(), info.pairs), (5, 5));
+}
+
+/// A run on the clock of the world: recording times, exposure times and the stamps within the pictures' messages are UTC, our own rows and a replay
+/// keep the run's seconds to the last bit.
+#[test]
+fn times_of_the_world() {
+    let epoch_ns = 1_796_000_000_123_456_789;
+    let disk = Disk::new();
+    let described = Description {
+        epoch_ns,
+        ..description(SIZE)
+    };
+    let recorder = Recorder::here(described, png(), Box::new(disk.clone())).unwrap();
+    record(recorder, PAIRS);
+    let bytes = disk.bytes();
+    let info = Info::read(&bytes[..]).unwrap();
+    assert!(info.contents.finished && info.contents.problems.is_empty());
+    let usual = Info::read(&recorded()[..]).unwrap();
+    assert_eq!(
+        info.times_ns,
+        usual.times_ns.map(|times| times.map(|ns| ns + epoch_ns))
+    );
+    let plain = recorded();
+    let mut here = Recording::new(&bytes[..]).unwrap();
+    let mut there = Recording::new(&plain[..]).unwrap();
+    let mut pictures = 0;
+    while let Some(message) = here.next_message().unwrap() {
+        let other = there.next_message().unwrap().unwrap();
+        assert_eq!(message.publish_ns, other.publish_ns + epoch_ns);
+        if message.cells().is_some() {
+            assert_eq!(
+                message,
+                vergence_record::recording::Message {
+                    log_ns: other.log_ns + epoch_ns,
+                    publish_ns: other.publish_ns + epoch_ns,
+                    ..other
+                }
+            );
+        } else if message.topic == Some(Topic::LeftImage) {
+            let stamp = stamp_in(&message.data);
+            assert_eq!(stamp, message.publish_ns);
+            pictures += 1;
+        }
+    }
+    assert_eq!(pictures, PAIRS);
+}
+
+/// The time stamp of a message of Foxglove's, its field 1, ns.
+fn stamp_in(data: &[u8]) -> u64 {
+    use vergence_record::proto::{Value, fields};
+    let numbers = |bytes: &[u8]| {
+        fields(bytes)
+            .map(|f| f.unwrap())
+            .filter_map(|f| match f.value {
+                Value::Varint(v) => Some((f.number, v)),
+                _ => None,
+            })
+            .collect::<Vec<_>>()
+    };
+    let stamp = fields(data).map(|f| f.unwrap()).find(|f| f.number == 1);
+    let Some(Value::Bytes(stamp)) = stamp.map(|f| f.value) else {
+        panic!("no stamp");
+    };
+    let parts = numbers(stamp);
+    let of = |number| parts.iter().find(|p| p.0 == number).map_or(0, |p| p.1);
+    of(1) * 1_000_000_000 + of(2)
+}
+
 /// Pairs that the loop took, and refused, while its clock stood or had gone back: a replay keeps them apart, with the times by which the loop took
 /// them, and knows which of them were stepped.
 #[test]
@@ -107,7 +201,12 @@ fn pairs_of_one_moment() {
     for index in 0..6 {
         let pair = pair(index, SIZE);
         if index % 3 == 2 {
-            recorder.pair(&pair, 0.5, offset_s, readings(&pair));
+            let beside = Beside {
+                readings: readings(&pair),
+                offset_s,
+                ..Beside::default()
+            };
+            recorder.pair(&pair, 0.5, beside, "the left picture is dark");
             continue;
         }
         let mut step = step(&pair);
@@ -120,6 +219,9 @@ fn pairs_of_one_moment() {
     }
     recorder.finish(1.0).1.unwrap();
     std::fs::write(&path, disk.bytes()).unwrap();
+    let reasons: Vec<_> = pairs_in(&disk).into_iter().map(|p| p.refused).collect();
+    let dark = Some("the left picture is dark".to_owned());
+    assert_eq!(reasons, [None, None, dark.clone(), None, None, dark]);
     let info = Info::read(&disk.bytes()[..]).unwrap();
     let axes = info.channels.iter().find(|c| c.topic == "/axis").unwrap();
     assert_eq!((info.pairs, axes.messages), (6, 8));

@@ -37,6 +37,8 @@ pub struct Conductor {
     doubt: Option<String>,
     events: Vec<DriveEvent>,
     refused_pairs: u64,
+    /// Why the newest pair was not used.
+    refusal: Option<String>,
 }
 
 /// A pair that is so many times older than what makes a camera stale is not used at all.
@@ -63,6 +65,7 @@ impl Conductor {
             doubt: None,
             events: Vec::new(),
             refused_pairs: 0,
+            refusal: None,
         })
     }
 
@@ -78,16 +81,18 @@ impl Conductor {
         self.obey(orders, now_s);
     }
 
-    /// Take a pair: judge it, decide, and go through the loop with it. `None` when the pair was not used (why is in the supervisor's memory).
+    /// Take a pair: judge it, decide, and go through the loop with it. `None` when the pair was not used; [`Self::refusal`] says why.
     ///
     /// # Errors
     /// What a repetition would not mend: pictures of another size, tracking that cannot be set up. Axes that refuse are no error: they are a
     /// doubt, and the rig holds.
     pub fn take(&mut self, pair: &StereoFrame, now_s: f64) -> Result<Option<Step>, ServoError> {
+        self.refusal = None;
         if self.servo.drive_mut().is_none() {
             return self.servo.step(pair, now_s).map(Some);
         }
         let Some(now_s) = self.time(now_s) else {
+            self.refusal.clone_from(&self.doubt);
             return Ok(None);
         };
         let offset_s = self.steady.offset_s();
@@ -99,25 +104,29 @@ impl Conductor {
                 &shifted
             }
         };
-        let fit = match self.sentry.judge(pair, now_s) {
-            Ok(live) => {
-                for (eye, live) in live.into_iter().enumerate() {
-                    if live {
-                        self.pictures_s[eye] = Some([&pair.left, &pair.right][eye].capture_s);
+        self.refusal = match self.sentry.judge(pair, now_s) {
+            Ok(faults) => {
+                for (eye, frame) in [&pair.left, &pair.right].into_iter().enumerate() {
+                    if faults[eye].is_none() {
+                        self.pictures_s[eye] = Some(frame.capture_s);
                     }
                 }
-                live == [true; 2]
+                sentry::sentence(faults)
             }
             Err(reason) => {
-                self.doubt.get_or_insert(reason);
-                false
+                self.doubt.get_or_insert_with(|| reason.clone());
+                Some(reason)
             }
         };
-        if !fit {
+        if self.refusal.is_some() {
             self.refused_pairs += 1;
         }
         let orders = self.orders(now_s);
-        if !fit || !matches!(orders, Orders::Follow | Orders::Hold) {
+        if self.refusal.is_some() || !matches!(orders, Orders::Follow | Orders::Hold) {
+            self.refusal.get_or_insert_with(|| {
+                let state = self.supervisor.state().name();
+                format!("the rig is {state}: no pair is used")
+            });
             self.obey(orders, now_s);
             return Ok(None);
         }
@@ -132,7 +141,9 @@ impl Conductor {
             }
             Err(ServoError::Axis(error)) => {
                 // Without positions there is no geometry; what moves, stands.
-                self.doubt.get_or_insert(error.to_string());
+                let reason = error.to_string();
+                self.refusal = Some(reason.clone());
+                self.doubt.get_or_insert(reason);
                 self.obey(Orders::Hold, now_s);
                 Ok(None)
             }
@@ -211,6 +222,11 @@ impl Conductor {
     /// Pairs that were not used because they could not be trusted.
     pub fn refused_pairs(&self) -> u64 {
         self.refused_pairs
+    }
+
+    /// Why the newest pair was not used; `None` when it was.
+    pub fn refusal(&self) -> Option<&str> {
+        self.refusal.as_deref()
     }
 
     /// How much later than the run's clock this conductor's times are, s: what the clock went back so far.

@@ -259,3 +259,49 @@ fn cameras_that_stand_still() {
     conductor.stop(61.0, "Ctrl-C");
     assert!(conductor.take_changes().is_empty());
 }
+
+/// A pair that is not used has a reason: its times, its pictures, or what the rig is doing; one that is used has none.
+#[test]
+fn refusals_have_reasons() {
+    let (mut conductor, _) = rig(SupervisorSettings::default());
+    let dark = |index: u64, eyes: &[usize]| {
+        let mut dark = pair(index, 0.0, 0.01);
+        for &eye in eyes {
+            let frame = [&mut dark.left, &mut dark.right]
+                .into_iter()
+                .nth(eye)
+                .unwrap();
+            frame.picture = Rgb::filled(SIZE.0, SIZE.1, [index as u8 % 3; 3]);
+        }
+        dark
+    };
+    let mut now_s = 1.0;
+    let mut reason = |conductor: &mut Conductor, mut pair: StereoFrame, late_s: f64| {
+        now_s += 0.02;
+        for frame in [&mut pair.left, &mut pair.right] {
+            frame.capture_s = now_s - 0.02 - late_s;
+        }
+        let taken = conductor.take(&pair, now_s).unwrap();
+        let reason = conductor.refusal().map(str::to_owned);
+        assert_eq!(taken.is_none(), reason.is_some());
+        reason.unwrap_or_default()
+    };
+    assert_eq!(reason(&mut conductor, pair(0, 0.0, 0.01), 0.0), "");
+    for (eyes, words) in [
+        (&[0][..], "the left picture is dark"),
+        (&[1], "the right picture is dark"),
+        (&[0, 1], "both pictures are dark"),
+    ] {
+        assert_eq!(reason(&mut conductor, dark(1, eyes), 0.0), words);
+    }
+    let late = reason(&mut conductor, pair(2, 0.0, 0.01), 9.0);
+    assert!(late.contains("is stamped 9.020 s before now"), "{late}");
+    for same in 0..4 {
+        let said = reason(&mut conductor, pair(3, 0.0, 0.01), 0.0);
+        let frozen = said == "both pictures are frozen: the same again and again";
+        assert_eq!(frozen, same >= 2, "{same}: {said}");
+    }
+    conductor.ask_home();
+    let homing = reason(&mut conductor, pair(4, 0.0, 0.01), 0.0);
+    assert_eq!(homing, "the rig is homing: no pair is used");
+}

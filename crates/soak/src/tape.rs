@@ -117,6 +117,7 @@ impl Tape {
             fps: eyes::FPS,
             timing: false,
             truth: false,
+            epoch_ns: 0,
         };
         let settings = RecordSettings {
             pictures: Pictures::Jpeg(60),

@@ -7,7 +7,7 @@
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -39,6 +39,9 @@ const NOMINAL_OVER_AVERAGE: f64 = 1.5;
 /// Rate at which frames pass through `ffmpeg`, 1/s. They are renumbered for it, so that it neither repeats nor drops any; their
 /// times are told apart from it.
 const PASSING_FPS: &str = "25";
+
+/// Most times that are told ahead of their frames: `ffmpeg` holds back a few dozen at most. Beyond it the program waits for the reader.
+const TIMES_AHEAD: usize = 1024;
 
 /// What is known of a video before it is decoded.
 #[derive(Debug)]
@@ -187,7 +190,7 @@ impl Video {
                 "rgb24",
                 "pipe:1",
             ]);
-        let (to_decoder, times) = channel();
+        let (to_decoder, times) = sync_channel(TIMES_AHEAD);
         let listener = Listener::Ffmpeg(to_decoder);
         let (program, stdout) = Program::start(command, "ffmpeg", &self.path, listener)?;
         let guard = ChildGuard(program.child.clone());
@@ -220,7 +223,7 @@ struct VideoDecoder {
 
 impl Decoder for VideoDecoder {
     fn next(&mut self, reuse: Option<Rgb>) -> Result<Option<Timed>, CaptureError> {
-        match self.read_picture(reuse) {
+        match picture_from_ppm(&mut self.pipe, &mut self.size, reuse) {
             Ok(Some(picture)) => {
                 // The time is told before the frame is encoded, so it is on its way.
                 let time = self.times.recv_timeout(ASK_EVERY * ASKS as u32);
@@ -276,38 +279,39 @@ impl VideoDecoder {
             path: shown_path(&self.video.path),
         }
     }
+}
 
-    /// One picture, `None` at the end of the stream, an error where it breaks off.
-    fn read_picture(&mut self, reuse: Option<Rgb>) -> std::io::Result<Option<Rgb>> {
-        if self.pipe.fill_buf()?.is_empty() {
-            return Ok(None);
-        }
-        let broken = || std::io::Error::from(std::io::ErrorKind::InvalidData);
-        let mut fields = [0_usize; 3];
-        if read_word(&mut self.pipe)? != "P6" {
-            return Err(broken());
-        }
-        for field in &mut fields {
-            *field = read_word(&mut self.pipe)?.parse().map_err(|_| broken())?;
-        }
-        let [w, h, depth] = fields;
-        let side = files::MAX_SIDE as usize;
-        if w == 0 || h == 0 || w > side || h > side || depth != 255 {
-            return Err(broken());
-        }
-        if w * h * 3 > files::MAX_DECODE_BYTES as usize
-            || *self.size.get_or_insert((w, h)) != (w, h)
-        {
-            return Err(broken());
-        }
-        let mut picture = match reuse {
-            Some(old) if old.size() == (w, h) => old,
-            _ => Rgb::filled(w, h, [0; 3]),
-        };
-        self.pipe
-            .read_exact(picture.samples_mut().as_flattened_mut())?;
-        Ok(Some(picture))
+/// One picture, `None` at the end of the stream, an error where it breaks off or where a picture has another size than the first one.
+fn picture_from_ppm(
+    pipe: &mut impl std::io::BufRead,
+    size: &mut Option<(usize, usize)>,
+    reuse: Option<Rgb>,
+) -> std::io::Result<Option<Rgb>> {
+    if pipe.fill_buf()?.is_empty() {
+        return Ok(None);
     }
+    let broken = || std::io::Error::from(std::io::ErrorKind::InvalidData);
+    let mut fields = [0_usize; 3];
+    if read_word(pipe)? != "P6" {
+        return Err(broken());
+    }
+    for field in &mut fields {
+        *field = read_word(pipe)?.parse().map_err(|_| broken())?;
+    }
+    let [w, h, depth] = fields;
+    let side = files::MAX_SIDE as usize;
+    if w == 0 || h == 0 || w > side || h > side || depth != 255 {
+        return Err(broken());
+    }
+    if w * h * 3 > files::MAX_DECODE_BYTES as usize || *size.get_or_insert((w, h)) != (w, h) {
+        return Err(broken());
+    }
+    let mut picture = match reuse {
+        Some(old) if old.size() == (w, h) => old,
+        _ => Rgb::filled(w, h, [0; 3]),
+    };
+    pipe.read_exact(picture.samples_mut().as_flattened_mut())?;
+    Ok(Some(picture))
 }
 
 /// A word of a PPM header and the one white space after it.
@@ -445,7 +449,7 @@ enum Listener {
     /// Every line is a complaint.
     Plain,
     /// Lines are marked with their level, and the filter tells times between them.
-    Ffmpeg(Sender<FrameTime>),
+    Ffmpeg(SyncSender<FrameTime>),
 }
 
 impl Listener {
@@ -548,7 +552,73 @@ fn rate(text: &str) -> Option<(u32, u32)> {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
+
+    /// Bytes as `ffmpeg` writes them, and damaged.
+    fn said() -> impl Strategy<Value = Vec<u8>> {
+        let pieces = prop_oneof![
+            Just(b"[Parsed_showinfo_0 @ 0x5559] [info] n:   1 pts:".to_vec()),
+            Just(b"[Parsed_showinfo_0 @ 0x5559] [info] config in time_base: ".to_vec()),
+            Just(b"[error] ".to_vec()),
+            Just(b"1/1000, ".to_vec()),
+            Just(b"\n".to_vec()),
+            "-?[0-9/:. ]{0,24}".prop_map(String::into_bytes),
+            proptest::collection::vec(any::<u8>(), 0..40),
+        ];
+        proptest::collection::vec(pieces, 0..40).prop_map(|all| all.concat())
+    }
+
+    /// The same for pictures: small sizes, so that some of them are whole.
+    fn drawn() -> impl Strategy<Value = Vec<u8>> {
+        let pieces = prop_oneof![
+            (1..5_usize, 1..5_usize, 0..3_usize).prop_map(|(w, h, lacks)| {
+                let mut bytes = format!("P6\n{w} {h}\n255\n").into_bytes();
+                bytes.extend(vec![7; 3 * w * h - lacks]);
+                bytes
+            }),
+            "P6[ \n][0-9]{0,13} [0-9]{0,13}\n(255)?\n".prop_map(String::into_bytes),
+            proptest::collection::vec(any::<u8>(), 0..40),
+        ];
+        proptest::collection::vec(pieces, 0..6).prop_map(|all| all.concat())
+    }
+
+    proptest! {
+        /// Whatever stands on the standard error: no panic, times are numbers, complaints are short.
+        #[test]
+        fn any_words_are_heard(said in said()) {
+            let (to, times) = sync_channel(TIMES_AHEAD);
+            let words = Listener::Ffmpeg(to).last_complaint(&said[..], Path::new("x.mkv"));
+            prop_assert!(words.chars().count() <= MAX_COMPLAINT);
+            for time in &times {
+                if let Some(s) = time.seconds((1_000_000, 1)) {
+                    prop_assert!(s.is_finite());
+                }
+            }
+            let words = Listener::Plain.last_complaint(&said[..], Path::new("x.mkv"));
+            prop_assert!(words.chars().count() <= MAX_COMPLAINT);
+        }
+
+        /// Whatever comes through the pipe: pictures of one size, and an end. What is promised and not there is no picture.
+        #[test]
+        fn any_bytes_are_read(drawn in drawn()) {
+            let (mut pipe, mut size) = (&drawn[..], None);
+            let mut taken = 0;
+            while let Ok(Some(picture)) = picture_from_ppm(&mut pipe, &mut size, None) {
+                prop_assert_eq!(Some(picture.size()), size);
+                taken += 3 * picture.samples().len();
+                prop_assert!(taken <= drawn.len());
+            }
+        }
+
+        #[test]
+        fn any_rates_are_read(text in "[0-9/]{0,20}") {
+            if let Some((num, den)) = rate(&text) {
+                prop_assert!(num > 0 && den > 0);
+            }
+        }
+    }
 
     /// Lines as ffmpeg writes them: times are taken, the last error is kept without its mark, the rest is passed over.
     #[test]
@@ -559,7 +629,7 @@ mod tests {
             [Parsed_showinfo_0 @ 0x5559] [info] color_range:pc color_space:gbr\n\
             [matroska,webm @ 0x55e5] [error] File ended prematurely\n\
             [Parsed_showinfo_0 @ 0x5559] [info] n:   1 pts:     33 pts_time:0.033   pos:     1350 fmt:bgr0\n";
-        let (to, times) = channel();
+        let (to, times) = sync_channel(TIMES_AHEAD);
         let words = Listener::Ffmpeg(to).last_complaint(said.as_bytes(), Path::new("x.mkv"));
         assert_eq!(words, "[matroska,webm @ 0x55e5] File ended prematurely");
         let tick = (1, 1000);

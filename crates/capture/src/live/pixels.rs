@@ -18,8 +18,9 @@ pub(crate) struct Raw<'a> {
 }
 
 impl<'a> Raw<'a> {
-    /// The first `bytes` bytes of every row; `None` when they are not all there.
-    fn rows(&self, bytes: usize) -> Option<impl Iterator<Item = &'a [u8]>> {
+    /// Every row's pixels of `each` bytes; `None` when they are not all there.
+    fn rows(&self, each: usize) -> Option<impl Iterator<Item = &'a [u8]>> {
+        let bytes = self.width.checked_mul(each)?;
         let last = self.height.checked_sub(1)?.checked_mul(self.stride)?;
         let needed = last.checked_add(bytes)?;
         if bytes == 0 || bytes > self.stride || self.bytes.len() < needed {
@@ -45,9 +46,7 @@ fn canvas(width: usize, height: usize, reuse: Option<Rgb>) -> Rgb {
 /// Packed Y U Y V; an even width. `None` when bytes are missing.
 #[cfg(any(feature = "v4l2", test))]
 pub(crate) fn rgb_from_yuyv(raw: &Raw<'_>, reuse: Option<Rgb>) -> Option<Rgb> {
-    let rows = raw
-        .rows(2 * raw.width)
-        .filter(|_| raw.width.is_multiple_of(2))?;
+    let rows = raw.rows(2).filter(|_| raw.width.is_multiple_of(2))?;
     let mut out = canvas(raw.width, raw.height, reuse);
     for (y, row) in rows.enumerate() {
         yuyv_row(row, out.row_mut(y));
@@ -59,13 +58,13 @@ pub(crate) fn rgb_from_yuyv(raw: &Raw<'_>, reuse: Option<Rgb>) -> Option<Rgb> {
 #[cfg(any(feature = "v4l2", test))]
 pub(crate) fn rgb_from_nv12(raw: &Raw<'_>, reuse: Option<Rgb>) -> Option<Rgb> {
     let even = raw.width.is_multiple_of(2) && raw.height.is_multiple_of(2);
-    let luma = raw.rows(raw.width).filter(|_| even)?;
+    let luma = raw.rows(1).filter(|_| even)?;
     let chroma = Raw {
         bytes: raw.bytes.get(raw.height * raw.stride..)?,
         height: raw.height / 2,
         ..*raw
     };
-    let chroma: Vec<&[u8]> = chroma.rows(raw.width)?.collect();
+    let chroma: Vec<&[u8]> = chroma.rows(1)?.collect();
     let mut out = canvas(raw.width, raw.height, reuse);
     for (y, row) in luma.enumerate() {
         nv12_row(row, chroma[y / 2], out.row_mut(y));
@@ -76,7 +75,7 @@ pub(crate) fn rgb_from_nv12(raw: &Raw<'_>, reuse: Option<Rgb>) -> Option<Rgb> {
 /// One byte a pixel. `None` when bytes are missing.
 #[cfg(any(feature = "v4l2", test))]
 pub(crate) fn rgb_from_grey(raw: &Raw<'_>, reuse: Option<Rgb>) -> Option<Rgb> {
-    let rows = raw.rows(raw.width)?;
+    let rows = raw.rows(1)?;
     let mut out = canvas(raw.width, raw.height, reuse);
     for (y, row) in rows.enumerate() {
         for (to, &v) in out.row_mut(y).iter_mut().zip(row) {
@@ -89,7 +88,7 @@ pub(crate) fn rgb_from_grey(raw: &Raw<'_>, reuse: Option<Rgb>) -> Option<Rgb> {
 /// Red, green, blue as they are. `None` when bytes are missing.
 #[cfg(any(feature = "v4l2", test))]
 pub(crate) fn rgb_from_rgb24(raw: &Raw<'_>, reuse: Option<Rgb>) -> Option<Rgb> {
-    let rows = raw.rows(3 * raw.width)?;
+    let rows = raw.rows(3)?;
     let mut out = canvas(raw.width, raw.height, reuse);
     for (y, row) in rows.enumerate() {
         out.row_mut(y).as_flattened_mut().copy_from_slice(row);
@@ -117,9 +116,9 @@ pub(crate) fn rgb_from_i420(
     };
     let luma = plane(0, width, height);
     let halves = [1, 2].map(|i| plane(i, width / 2, height / 2));
-    let [u, v] = [0, 1].map(|i| halves[i].rows(width / 2).map(Iterator::collect::<Vec<_>>));
+    let [u, v] = [0, 1].map(|i| halves[i].rows(1).map(Iterator::collect::<Vec<_>>));
     let (u, v) = (u?, v?);
-    let rows = luma.rows(width)?;
+    let rows = luma.rows(1)?;
     let mut out = canvas(width, height, reuse);
     for (y, row) in rows.enumerate() {
         i420_row(row, u[y / 2], v[y / 2], out.row_mut(y));
@@ -284,14 +283,13 @@ mod tests {
                                 .checked_mul(stride)
                                 .is_some_and(|l| l.saturating_add(bytes) <= 64)
                     };
-                    if width < 100 {
-                        assert_eq!(rgb_from_grey(&raw, None).is_some(), fits(width));
-                        assert_eq!(
-                            rgb_from_yuyv(&raw, None).is_some(),
-                            fits(2 * width) && width % 2 == 0
-                        );
-                        assert_eq!(rgb_from_rgb24(&raw, None).is_some(), fits(3 * width));
-                    }
+                    let times = |each: usize| width.saturating_mul(each);
+                    assert_eq!(rgb_from_grey(&raw, None).is_some(), fits(width));
+                    assert_eq!(
+                        rgb_from_yuyv(&raw, None).is_some(),
+                        fits(times(2)) && width % 2 == 0
+                    );
+                    assert_eq!(rgb_from_rgb24(&raw, None).is_some(), fits(times(3)));
                     let _ = rgb_from_nv12(&raw, None);
                     let _ = rgb_from_i420([&bytes; 3], [stride; 3], (width, height), None);
                 }

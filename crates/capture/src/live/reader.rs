@@ -452,7 +452,7 @@ impl Reader {
 }
 
 /// Left and right half of a picture; a column in the middle of an odd width belongs to neither.
-fn halves(both: &Rgb, free: [Option<Rgb>; 2]) -> [Rgb; 2] {
+pub(super) fn halves(both: &Rgb, free: [Option<Rgb>; 2]) -> [Rgb; 2] {
     let (width, height) = both.size();
     let half = width / 2;
     let starts = [0, width - half];

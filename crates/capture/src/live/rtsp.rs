@@ -272,7 +272,7 @@ impl RtspCamera {
                     reuse,
                 )
             }),
-            None => files::rgb_from_motion_jpeg(frame.data()).ok(),
+            None => files::rgb_from_motion_jpeg(frame.data(), None).ok(),
         };
         match picture {
             Some(picture) if self.whole => Got::Frame(Taken {
@@ -299,7 +299,22 @@ impl Drop for RtspCamera {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
+
+    proptest! {
+        /// Any words as an address: an opener or one sentence, never a panic, and the password stays hidden in both.
+        #[test]
+        fn addresses_of_any_words(text in any::<String>(), tail in "[ -~]{0,40}") {
+            for text in [text, format!("rtsp://{tail}"), format!("rtsp://us:pass%77ord@{tail}")] {
+                match opener(Path::new(&text), Transport::Tcp) {
+                    Ok(opener) => prop_assert!(!opener.name().contains("pass%77ord")),
+                    Err(error) => prop_assert!(!error.to_string().contains("pass%77ord")),
+                }
+            }
+        }
+    }
 
     /// User and password come out of an address as they were meant: codes are decoded, what only looks like one stays.
     #[test]

@@ -19,6 +19,9 @@ const FUTURE_S: f64 = 0.002;
 /// And so much before, s: a frame does not wait longer in a driver.
 const PAST_S: f64 = 5.0;
 
+/// A stamp so far from 0 is none, s: 300 years, which is further than any clock counts, and as far as a number holds microseconds.
+const LARGEST_S: f64 = 1e10;
+
 /// When a frame was taken, as its camera tells it.
 #[cfg_attr(
     not(feature = "v4l2"),
@@ -77,7 +80,7 @@ impl Stamps {
                 let jumped = self.changed(ClockDomain::Machine);
                 placed(s, ClockDomain::Machine, jumped)
             }
-            Stamp::Run(s) | Stamp::Own(s) if s.is_finite() => {
+            Stamp::Run(s) | Stamp::Own(s) if s.abs() < LARGEST_S => {
                 let changed = self.changed(ClockDomain::Own);
                 let jumped = self.relate(s, arrival_s);
                 placed(s + self.smallest_s(), ClockDomain::Own, changed || jumped)

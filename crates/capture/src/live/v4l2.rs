@@ -239,9 +239,7 @@ fn picture(mode: &Mode, stride: usize, bytes: &[u8], reuse: Option<Rgb>) -> Opti
         PixelFormat::Nv12 => rgb_from_nv12(&raw, reuse),
         PixelFormat::Grey => rgb_from_grey(&raw, reuse),
         PixelFormat::Rgb24 => rgb_from_rgb24(&raw, reuse),
-        PixelFormat::Mjpeg => files::rgb_from_motion_jpeg(bytes)
-            .ok()
-            .filter(|p| p.size() == mode.size),
+        PixelFormat::Mjpeg => files::rgb_from_motion_jpeg(bytes, Some(mode.size)).ok(),
     }
 }
 
@@ -282,4 +280,29 @@ fn zero_s(clock: &RealClock) -> f64 {
 
 fn fourcc(format: PixelFormat) -> FourCC {
     FourCC::new(&format.fourcc())
+}
+
+#[cfg(test)]
+mod tests {
+    //! Proves: whatever a driver hands over as a frame, a picture has the agreed size or is none.
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn frames_of_any_bytes(
+            bytes in proptest::collection::vec(any::<u8>(), 0..4096),
+            format in 0..5_usize,
+            size in (0..40_usize, 0..40_usize),
+            stride in 0..200_usize,
+        ) {
+            use PixelFormat::{Grey, Mjpeg, Nv12, Rgb24, Yuyv};
+            let format = [Yuyv, Nv12, Grey, Rgb24, Mjpeg][format];
+            let mode = Mode { format, size, fps: None };
+            if let Some(picture) = picture(&mode, stride, &bytes, None) {
+                prop_assert_eq!(picture.size(), size);
+            }
+        }
+    }
 }

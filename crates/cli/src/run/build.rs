@@ -81,6 +81,7 @@ pub(crate) fn from_args(args: &RunArgs, settings: &Settings) -> anyhow::Result<B
     let plan = Plan {
         source: source_name(args, &feed),
         real_time: !args.fast,
+        rehearsed: false,
         live: motors,
         home: args.home,
         headless: args.headless,
@@ -167,6 +168,7 @@ fn twin(
     let drive = match record {
         Some(record) => {
             record.machine = machine_text;
+            record.limits = Some(drive.limits());
             record.tape.beside(drive)
         }
         None => drive,
@@ -204,6 +206,7 @@ fn live_motors(args: &RunArgs, settings: &Settings) -> anyhow::Result<Option<Liv
     }
     for (given, flag) in [
         (args.fast, "--fast"),
+        (args.rehearse, "--rehearse"),
         (args.calibration.is_some(), "--calibration"),
     ] {
         if given {
@@ -442,6 +445,7 @@ fn files(
         ("--path", args.path.is_some()),
         ("--seed", args.seed.is_some()),
         ("--light", args.light.is_some()),
+        ("--rehearse", args.rehearse),
     ] {
         if given {
             return Err(

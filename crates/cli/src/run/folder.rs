@@ -162,6 +162,13 @@ impl Drop for RunFolder {
     }
 }
 
+/// What UTC shows at time 0 of a run whose clock shows `now_s` now, ns since 1970.
+pub(crate) fn epoch_ns(now_s: f64) -> u64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    let ns = since.map_or(0, |d| d.as_nanos() as i128) - (now_s * 1e9) as i128;
+    u64::try_from(ns).unwrap_or(0)
+}
+
 /// `YYYYMMDD-HHMMSS` in UTC. Days to dates after Hinnant's "chrono-compatible low-level date algorithms" (2013).
 fn stamp_from_seconds(seconds: u64) -> String {
     let (days, rest) = (seconds / 86_400, seconds % 86_400);

@@ -127,6 +127,7 @@ fn config(args: &RunArgs) -> Result<LiveConfig, Fault> {
         ("--seed", args.seed.is_some()),
         ("--light", args.light.is_some()),
         ("--fast", args.fast),
+        ("--rehearse", args.rehearse),
         ("--on-fault", args.on_fault.is_some()),
     ] {
         if given {

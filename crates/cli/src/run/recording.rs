@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::Serialize;
 use vergence_capture::{SourceEvent, SourceEventKind, StereoFrame};
 use vergence_control::supervisor::Decision;
-use vergence_control::{DriveEvent, DriveEventKind, RigState};
+use vergence_control::{AxisLimits, DriveEvent, DriveEventKind, RigState};
 use vergence_record::rows::{Happening, Parallax, Truth};
 use vergence_record::{
     Beside, Description, FileStorage, Limits, Pictures, RecordSettings, RecordStatus, Recorder,
@@ -13,7 +13,7 @@ use vergence_record::{
 };
 use vergence_servo::{Servo, Step};
 
-use crate::fault;
+use crate::fault::{self, Fault};
 use crate::settings::Settings;
 
 use super::feed::Feed;
@@ -28,6 +28,9 @@ pub(crate) const SETTINGS: &str = "settings.toml";
 /// Name of the attachment that holds the calibration of a machine.
 pub(crate) const MACHINE: &str = "machine.toml";
 
+/// Name of the attachment that holds the limits of the axes, as their controller said them.
+pub(crate) const LIMITS: &str = "limits.json";
+
 /// What the recording of a run is made from, known before it begins.
 pub(crate) struct RecordPlan {
     pub(crate) settings: RecordSettings,
@@ -37,6 +40,8 @@ pub(crate) struct RecordPlan {
     pub(crate) settings_text: String,
     /// The calibration of the machine that the loop believes, as a file.
     pub(crate) machine: Option<String>,
+    /// What the axes may do; `None` for cameras that do not move.
+    pub(crate) limits: Option<[AxisLimits; 4]>,
     /// The box around the target that was asked for.
     pub(crate) target: Option<String>,
     /// `twin`, `files`.
@@ -63,6 +68,7 @@ impl RecordPlan {
             tape: Tape::new(),
             settings_text: settings.to_bare_toml(),
             machine: None,
+            limits: None,
             target: None,
             kind,
         })
@@ -99,6 +105,32 @@ pub(crate) struct About<'a> {
     pub(crate) seed: Option<u64>,
     pub(crate) calibration: &'a str,
     pub(crate) real_time: bool,
+    /// What UTC shows at time 0 of the run, ns since 1970; 0 for a run that does not wait for the wall clock.
+    pub(crate) epoch_ns: u64,
+}
+
+/// How much later than a pair's own times the loop took it, s.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Lag {
+    /// Since the clock had gone back.
+    pub(crate) offset_s: f64,
+    /// Since the pair had to wait for the loop.
+    pub(crate) waited_s: f64,
+}
+
+impl RecordingSummary {
+    /// Why the recording is not whole, as an error of the run; `None` when it is.
+    pub(crate) fn lacking(&self) -> Option<Fault> {
+        let reason = self.failed.as_ref()?;
+        let lost = match self.numbers_lost {
+            0 => String::new(),
+            n => format!(", {n} numbers are lost"),
+        };
+        Some(fault::failed(format!(
+            "{} is not whole: {reason}{lost}; what was written before can be read",
+            self.file
+        )))
+    }
 }
 
 impl Recording {
@@ -131,25 +163,35 @@ impl Recording {
         })
     }
 
-    /// Take a pair, the step that was made of it, and the row of the report; the loop took the pair's times `offset_s` later.
-    pub(crate) fn take(&mut self, pair: &StereoFrame, step: &Step, row: &Row, offset_s: f64) {
+    /// Take a pair, the step that was made of it, and the row of the report.
+    pub(crate) fn take(&mut self, pair: &StereoFrame, step: &Step, row: &Row, lag: Lag) {
         self.last_s = step.command_s;
         let beside = Beside {
             readings: self.tape.take(),
             parallax: Some(parallax(row)),
             truth: truth(row),
-            offset_s,
+            offset_s: lag.offset_s,
+            waited_s: lag.waited_s,
         };
         self.recorder.step(pair, step, beside);
         self.tell();
     }
 
-    /// Take a pair that the loop did not use, at this time of the conductor's clock.
-    pub(crate) fn refused(&mut self, pair: &StereoFrame, now_s: f64, offset_s: f64) {
+    /// Take a pair that the loop did not use and why, at this time of the conductor's clock.
+    pub(crate) fn refused(&mut self, pair: &StereoFrame, now_s: f64, offset_s: f64, reason: &str) {
         self.last_s = self.last_s.max(now_s);
-        let readings = self.tape.take();
-        self.recorder.pair(pair, now_s, offset_s, readings);
+        let beside = Beside {
+            readings: self.tape.take(),
+            offset_s,
+            ..Beside::default()
+        };
+        self.recorder.pair(pair, now_s, beside, reason);
         self.tell();
+    }
+
+    /// Take a sentence about pictures of live cameras that made no pair.
+    pub(crate) fn unused(&mut self, now_s: f64, text: &str) {
+        self.happened("camera", now_s, "warning", "unused", text);
     }
 
     /// Take a decision of the supervisor.
@@ -249,9 +291,6 @@ impl Recording {
     /// End the file; what is to be said of it.
     pub(crate) fn finish(self) -> RecordingSummary {
         let (status, result) = self.recorder.finish(self.last_s);
-        if let Err(error) = &result {
-            crate::output::say(&format!("{error}; what was written before can be read"));
-        }
         RecordingSummary {
             file: NAME,
             bytes: status.bytes,
@@ -277,6 +316,9 @@ fn description(plan: &RecordPlan, about: &About<'_>, feed: &Feed, servo: &Servo)
     .map(|(name, value)| (name.to_owned(), value.to_owned()))
     .into();
     let mut fact = |name: &str, value: String| facts.push((name.to_owned(), value));
+    if about.epoch_ns > 0 {
+        fact("epoch_ns", about.epoch_ns.to_string());
+    }
     if let Some(seed) = about.seed {
         fact("seed", seed.to_string());
     }
@@ -292,6 +334,11 @@ fn description(plan: &RecordPlan, about: &About<'_>, feed: &Feed, servo: &Servo)
     if let Some(machine) = &plan.machine {
         attachments.push((MACHINE.to_owned(), text, machine.clone().into_bytes()));
     }
+    if let Some(limits) = &plan.limits
+        && let Ok(json) = serde_json::to_vec_pretty(limits)
+    {
+        attachments.push((LIMITS.to_owned(), "application/json", json));
+    }
     Description {
         facts,
         attachments,
@@ -300,6 +347,7 @@ fn description(plan: &RecordPlan, about: &About<'_>, feed: &Feed, servo: &Servo)
         fps: info.fps,
         timing: about.real_time,
         truth: plan.kind == "twin",
+        epoch_ns: about.epoch_ns,
     }
 }
 

@@ -10,15 +10,16 @@ use vergence_control::{DriveEvent, LiveDrive, RigState, SupervisorSettings};
 use vergence_servo::{Conductor, HealthNote, Servo, Stage, Step, Stopwatch};
 
 use super::feed::Feed;
-use super::folder::RunFolder;
+use super::folder::{RunFolder, epoch_ns};
 use super::panel::Panel;
 use super::plot::Thinned;
 use super::record::Row;
-use super::recording::{About, RecordPlan, Recording};
+use super::recording::{About, Lag, RecordPlan, Recording, RecordingSummary};
 use super::sample::{Sample, Small};
 use super::shown::Electronic;
 use super::still::{Scene, Still};
 use super::summary::{Change, Facts, MOST_EVENTS, Rows, Summary, Wall};
+use super::unused::Unused;
 use super::view::{Screening, row_from_step};
 use super::watched::Watched;
 use super::words::Words;
@@ -29,6 +30,7 @@ const PROCESSING_S: f64 = 0.010;
 
 /// So many of the last decisions are told after a fault.
 const DECISIONS_TOLD: usize = 12;
+
 /// Motors that are not simulated, with the clock that they and the run share.
 pub(crate) struct Live {
     pub(crate) drive: LiveDrive,
@@ -41,6 +43,8 @@ pub(crate) struct Plan {
     pub(crate) source: String,
     /// Wait for the wall clock, frame by frame.
     pub(crate) real_time: bool,
+    /// The pictures were made beforehand: a pair is there when it is due.
+    pub(crate) rehearsed: bool,
     /// Set when the motors are not simulated: then setpoints are given when they are due on this clock.
     pub(crate) live: Option<Live>,
     /// A person asked for homing before the run follows anybody.
@@ -62,6 +66,16 @@ pub(crate) struct Plan {
     pub(crate) screening: Screening,
     /// What is recorded; `None` for nothing.
     pub(crate) record: Option<RecordPlan>,
+}
+
+/// What the supervisor expects of this source.
+pub(crate) fn pace(feed: &Feed) -> SupervisorSettings {
+    SupervisorSettings::for_pace(1.0 / feed.info().fps, feed.latency_s())
+}
+
+/// When the setpoints after a pair are given on the simulated clock, s.
+pub(crate) fn given_s(pair: &StereoFrame) -> f64 {
+    pair.arrival_s() + PROCESSING_S
 }
 
 /// What a run leaves.
@@ -86,9 +100,12 @@ pub(crate) fn run(
     let first = feed.next_pair(None)?;
     let mut folder = RunFolder::create(&plan.out)?;
     let mut log = Log::new(&feed, plan);
-    log.begin_recording(&folder, &feed, &servo, plan)?;
-    let pace = SupervisorSettings::for_pace(1.0 / feed.info().fps, feed.latency_s());
-    let mut conductor = Conductor::new(servo, pace)?;
+    let started_s = match (&plan.live, &first) {
+        (Some(live), _) => live.clock.now_s(),
+        (None, first) => first.as_ref().map_or(0.0, StereoFrame::capture_s),
+    };
+    log.begin_recording(&folder, &feed, &servo, plan, started_s)?;
+    let mut conductor = Conductor::new(servo, pace(&feed))?;
     if plan.home {
         conductor.ask_home();
     }
@@ -126,11 +143,23 @@ pub(crate) fn run(
     log.facts.cameras = feed.statistics();
     log.facts.interrupted = stop.load(Ordering::Relaxed);
     log.facts.recording = log.recording.take().map(Recording::finish);
+    let lacking = log
+        .facts
+        .recording
+        .as_ref()
+        .and_then(RecordingSummary::lacking);
     match ended {
-        Ok(()) => finish(folder, log, servo, None),
+        Ok(()) => {
+            let mut outcome = finish(folder, log, servo, None)?;
+            outcome.failure = outcome.failure.or(lacking.map(Into::into));
+            Ok(outcome)
+        }
         Err(error) if plan.repeatable || log.rows.is_empty() => Err(error),
         Err(error) => {
             folder.keep();
+            if let Some(lacking) = lacking {
+                crate::output::say(&lacking.to_string());
+            }
             log.facts.failed = Some(format!("{error:#}"));
             finish(folder, log, servo, Some(error))
         }
@@ -152,13 +181,14 @@ fn follow(
         None => RealClock::new(),
     };
     let words = plan.live.as_ref().and_then(|_| Words::of_terminal());
+    let worked_s = cpu_s();
     let mut first_s = None;
     let mut next = first;
     while let Some(pair) = next.take() {
         let start_s = *first_s.get_or_insert(pair.capture_s());
         let elapsed_s = pair.capture_s() - start_s;
         if stop.load(Ordering::Relaxed) {
-            conductor.stop(pair.arrival_s() + PROCESSING_S, "Ctrl-C or SIGTERM");
+            conductor.stop(given_s(&pair), "Ctrl-C or SIGTERM");
             break;
         }
         if plan.seconds.is_some_and(|limit| elapsed_s >= limit) {
@@ -167,13 +197,19 @@ fn follow(
         if let Some(words) = &words {
             words.obey(conductor, pair.arrival_s());
         }
-        let mut now_s = feed.now_s().unwrap_or(pair.arrival_s() + PROCESSING_S);
+        let mut now_s = feed.now_s().unwrap_or(given_s(&pair));
         if plan.live.is_some() {
             log.keep_pace(&mut clock, pair.arrival_s(), feed.info().fps);
             now_s = now_s.max(clock.now_s() + PROCESSING_S);
         } else if plan.real_time && feed.now_s().is_none() {
             log.keep_pace(&mut clock, elapsed_s, feed.info().fps);
         }
+        // How long the pair has lain there. Where pictures are made between pairs, none waits for the loop.
+        log.waited_s = match feed.now_s() {
+            Some(at_s) => (at_s - pair.arrival_s()).max(0.0),
+            None if plan.rehearsed => (clock.now_s() - elapsed_s).max(0.0),
+            None => 0.0,
+        };
         match conductor.take(&pair, now_s)? {
             Some(step) => {
                 let row = log.take(feed, conductor, &pair, step, plan)?;
@@ -190,7 +226,14 @@ fn follow(
         next = wait_for_pair(feed, conductor, pair, (stop, until_s), log)?;
     }
     log.wall.total_s = clock.now_s();
+    log.wall.cpu_s = cpu_s() - worked_s;
     Ok(())
+}
+
+/// Time that the processors have worked for this program on all its threads, s.
+fn cpu_s() -> f64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }
 
 /// The next pair; while cameras give none, the rig is looked after. `None` at the end, when a person stops the run, or when its time (s on the
@@ -265,7 +308,10 @@ struct Log {
     panel: Panel,
     watch: Stopwatch,
     watched: Watched,
+    unused: Unused,
     recording: Option<Recording>,
+    /// How long the newest pair lay there before the loop took it, s.
+    waited_s: f64,
     /// Changes of state of the rig that are known not to be told.
     forgotten: u64,
 }
@@ -298,17 +344,21 @@ impl Log {
             panel: Panel::new(plan.headless),
             watch: Stopwatch::start(),
             watched: Watched::default(),
+            unused: Unused::default(),
             recording: None,
+            waited_s: 0.0,
             forgotten: 0,
         }
     }
 
+    /// Begin the recording; `started_s` is the run's time now where no clock of cameras tells it.
     fn begin_recording(
         &mut self,
         folder: &RunFolder,
         feed: &Feed,
         servo: &Servo,
         plan: &Plan,
+        started_s: f64,
     ) -> anyhow::Result<()> {
         let about = About {
             source: &plan.source,
@@ -316,6 +366,10 @@ impl Log {
             seed: plan.seed,
             calibration: &plan.calibration,
             real_time: plan.real_time,
+            epoch_ns: match plan.real_time {
+                true => epoch_ns(feed.now_s().unwrap_or(started_s)),
+                false => 0,
+            },
         };
         if let Some(record) = &plan.record {
             let recording = Recording::begin(folder.path(), record, &about, feed, servo)?;
@@ -369,17 +423,22 @@ impl Log {
         self.rows.take(&row);
         self.drawn.take(&row);
         if let Some(recording) = &mut self.recording {
-            recording.take(pair, &scene.step, &row, conductor.offset_s());
+            let lag = Lag {
+                offset_s: conductor.offset_s(),
+                waited_s: self.waited_s,
+            };
+            recording.take(pair, &scene.step, &row, lag);
         }
         self.take_pictures(pair, scene)?;
         Ok(row)
     }
 
-    /// Keep a pair that the loop did not use (too late, dark, torn, or the rig may not move): the recording has it, too.
+    /// Keep a pair that the loop did not use (too late, dark, frozen, or the rig may not move): the recording has it and the reason.
     fn take_refused(&mut self, conductor: &Conductor, pair: &StereoFrame, now_s: f64) {
         let offset_s = conductor.offset_s();
         if let Some(recording) = &mut self.recording {
-            recording.refused(pair, now_s + offset_s, offset_s);
+            let reason = conductor.refusal().unwrap_or("the loop gave no reason");
+            recording.refused(pair, now_s + offset_s, offset_s, reason);
         }
     }
 
@@ -392,7 +451,7 @@ impl Log {
 
     /// Note the wall times of a step; returns the time from capture to setpoint.
     fn take_times(&mut self, step: &Step) -> f64 {
-        let latency_s = (step.arrival_s - step.capture_s) + step.times.total_s();
+        let latency_s = (step.arrival_s - step.capture_s) + self.waited_s + step.times.total_s();
         self.wall.latency_s.add(latency_s);
         let mut note = |name: &'static str, s: f64| {
             self.wall.stages_s.entry(name).or_default().add(s);
@@ -421,6 +480,14 @@ impl Log {
                 recording.camera_event(&event);
             }
             self.facts.events_left_out += push(&mut self.facts.camera_events, event);
+        }
+        let (Some(now_s), Some(recording)) = (feed.now_s(), &mut self.recording) else {
+            return;
+        };
+        if self.unused.is_due(now_s)
+            && let Some(text) = feed.statistics().and_then(|s| self.unused.sentence(&s))
+        {
+            recording.unused(now_s, &text);
         }
     }
 

@@ -35,6 +35,8 @@ pub(crate) struct Summary {
     pub(crate) seconds: f64,
     pub(crate) fps: f64,
     pub(crate) wall_seconds: f64,
+    /// Processor time of all threads over wall time: how many cores the run took.
+    pub(crate) cores: f64,
     pub(crate) real_time: bool,
     pub(crate) late_frames: u64,
     pub(crate) dropped_pairs: u64,
@@ -122,9 +124,10 @@ pub(crate) struct FilterFigures {
 #[derive(Debug, Default)]
 pub(crate) struct Wall {
     pub(crate) stages_s: BTreeMap<&'static str, Tally>,
-    /// Capture to setpoint: the camera's latency plus the loop's wall time, s.
+    /// Capture to setpoint: the camera's latency, how long the pair waited for the loop, and the loop's wall time, s.
     pub(crate) latency_s: Tally,
     pub(crate) total_s: f64,
+    pub(crate) cpu_s: f64,
     pub(crate) late_frames: u64,
 }
 
@@ -312,6 +315,7 @@ impl Rows {
             seconds: self.last_s - self.first_s,
             fps: self.frames as f64 / wall.total_s.max(1e-9),
             wall_seconds: wall.total_s,
+            cores: wall.cpu_s / wall.total_s.max(1e-9),
             real_time: facts.real_time,
             late_frames: wall.late_frames,
             dropped_pairs: facts.dropped_pairs,

@@ -38,6 +38,7 @@ pub(crate) fn description(size: (usize, usize)) -> Description {
         fps: FPS,
         timing: false,
         truth: false,
+        epoch_ns: 0,
     }
 }
 

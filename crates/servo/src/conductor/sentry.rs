@@ -15,6 +15,15 @@ const LOOKED_AT: usize = 4096;
 /// A picture whose mean of the bytes that are looked at lies below this is dark (a lens cap, a camera that lost its light), levels of 255.
 const DARK_BELOW: f64 = 4.0;
 
+/// Why a picture shows nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Blind {
+    /// Nearly black.
+    Dark,
+    /// The same as the ones before.
+    Frozen,
+}
+
 /// Remembers the last pair.
 pub(super) struct Sentry {
     /// A pair may be so old when it comes, s.
@@ -40,8 +49,12 @@ impl Sentry {
         }
     }
 
-    /// Which cameras the pair shows to be live, left and right; an error says why the pair as a whole cannot be used.
-    pub(super) fn judge(&mut self, pair: &StereoFrame, now_s: f64) -> Result<[bool; 2], String> {
+    /// What is wrong with the pictures, left and right, `None` for one of a live camera; an error says why the pair as a whole cannot be used.
+    pub(super) fn judge(
+        &mut self,
+        pair: &StereoFrame,
+        now_s: f64,
+    ) -> Result<[Option<Blind>; 2], String> {
         for (name, frame) in [("left", &pair.left), ("right", &pair.right)] {
             self.check_times(name, frame, now_s)?;
         }
@@ -55,8 +68,8 @@ impl Sentry {
         self.capture_s = Some(capture_s);
         let [left, right] = &mut self.eyes;
         Ok([
-            left.is_live(&pair.left.picture),
-            right.is_live(&pair.right.picture),
+            left.look_at(&pair.left.picture),
+            right.look_at(&pair.right.picture),
         ])
     }
 
@@ -73,8 +86,8 @@ impl Sentry {
 }
 
 impl Eyesight {
-    /// Whether a picture is new and not dark.
-    fn is_live(&mut self, picture: &Rgb) -> bool {
+    /// What is wrong with a picture; `None` for one that is new and not dark.
+    fn look_at(&mut self, picture: &Rgb) -> Option<Blind> {
         let all = picture.samples().as_flattened();
         // An odd step, so that all columns and colours come up.
         let looked_at = all.iter().step_by((all.len() / LOOKED_AT).max(1) | 1);
@@ -84,6 +97,33 @@ impl Eyesight {
         self.bytes.extend(looked_at);
         let sum: u64 = self.bytes.iter().map(|b| u64::from(*b)).sum();
         let mean = sum as f64 / self.bytes.len().max(1) as f64;
-        mean >= DARK_BELOW && self.same < FROZEN_AFTER
+        if mean < DARK_BELOW {
+            Some(Blind::Dark)
+        } else if self.same >= FROZEN_AFTER {
+            Some(Blind::Frozen)
+        } else {
+            None
+        }
+    }
+}
+
+/// What the eyes lack, as a sentence; `None` when both see.
+pub(super) fn sentence(faults: [Option<Blind>; 2]) -> Option<String> {
+    let word = |fault| match fault {
+        Blind::Dark => "dark",
+        Blind::Frozen => "frozen: the same again and again",
+    };
+    match faults {
+        [None, None] => None,
+        [Some(fault), None] => Some(format!("the left picture is {}", word(fault))),
+        [None, Some(fault)] => Some(format!("the right picture is {}", word(fault))),
+        [Some(left), Some(right)] if left == right => {
+            Some(format!("both pictures are {}", word(left)))
+        }
+        [Some(left), Some(right)] => Some(format!(
+            "the left picture is {}, the right one is {}",
+            word(left),
+            word(right)
+        )),
     }
 }

@@ -41,6 +41,7 @@ fn plan(out: PathBuf, repeatable: bool) -> Plan {
     Plan {
         source: "test".to_owned(),
         real_time: false,
+        rehearsed: false,
         live: None,
         home: false,
         headless: true,
@@ -93,25 +94,30 @@ fn record_plan() -> RecordPlan {
         tape: vergence_record::Tape::new(),
         settings_text: String::new(),
         machine: None,
+        limits: None,
         target: None,
         kind: "twin",
     }
 }
 
-/// What is recorded in `/event`, as source and kind, and how many pairs and steps.
-fn recorded(folder: &std::path::Path) -> (Vec<(String, String)>, [usize; 2]) {
+/// What is recorded in `/event`, as source and kind, and how many pairs, steps, and pairs with a reason why they were not used.
+fn recorded(folder: &std::path::Path) -> (Vec<(String, String)>, [usize; 3]) {
     use vergence_record::table::Row as _;
-    use vergence_record::{Topic, rows::Happening};
+    use vergence_record::{Topic, rows};
     let file = std::fs::File::open(folder.join(super::super::recording::NAME)).unwrap();
     let mut recording = vergence_record::Recording::new(file).unwrap();
-    let (mut events, mut counts) = (Vec::new(), [0; 2]);
+    let (mut events, mut counts) = (Vec::new(), [0; 3]);
     while let Some(message) = recording.next_message().unwrap() {
         match message.topic {
             Some(Topic::Event) => {
-                let event = Happening::decode(&message.data).unwrap();
+                let event = rows::Happening::decode(&message.data).unwrap();
                 events.push((event.source, event.kind));
             }
-            Some(Topic::Pair) => counts[0] += 1,
+            Some(Topic::Pair) => {
+                let pair = rows::Pair::decode(&message.data).unwrap();
+                counts[0] += 1;
+                counts[2] += usize::from(pair.refused.is_some_and(|why| why.len() > 10));
+            }
             Some(Topic::Step) => counts[1] += 1,
             _ => {}
         }
@@ -130,7 +136,8 @@ fn the_recording_has_what_the_loop_refused() {
     plan.record = Some(record_plan());
     let folder = RunFolder::create(&plan.out).unwrap();
     let mut log = Log::new(&feed, &plan);
-    log.begin_recording(&folder, &feed, &servo, &plan).unwrap();
+    log.begin_recording(&folder, &feed, &servo, &plan, 0.0)
+        .unwrap();
     let mut conductor = Conductor::new(servo, SupervisorSettings::default()).unwrap();
     let mut steps = 0;
     for _ in 0..12 {
@@ -162,7 +169,7 @@ fn the_recording_has_what_the_loop_refused() {
         let wanted = (source.to_owned(), kind.to_owned());
         events.iter().filter(|event| **event == wanted).count()
     };
-    assert_eq!(counts, [24, steps]);
+    assert_eq!(counts, [24, steps, 24 - steps]);
     assert!((1..=12).contains(&steps), "{steps}");
     assert_eq!((of("drive", "alarm"), of("supervisor", "fault")), (1, 1));
     let told = of("supervisor", "remembered");
