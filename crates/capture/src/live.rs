@@ -33,7 +33,7 @@ use std::time::Duration;
 
 use nalgebra::Isometry3;
 use vergence_calib::RigCalibration;
-use vergence_geometry::{Camera, Eye};
+use vergence_geometry::{Camera, Distortion, Eye, Intrinsics};
 
 pub use reader::CameraCounts;
 pub use settings::{
@@ -80,6 +80,12 @@ pub enum LiveRig<'a> {
     Fixed(&'a RigCalibration),
     /// Motors move the cameras; these are their lenses.
     Moving(&'a [Camera; 2]),
+    /// Nothing is known yet: cameras that are to be calibrated. Video devices are asked for pictures of this width and height; whatever size
+    /// both streams have will do. [`SourceInfo::cameras`] are then pinholes as wide as high, which stand for nothing.
+    Unknown {
+        /// Width and height, px.
+        size: (usize, usize),
+    },
 }
 
 impl LiveRig<'_> {
@@ -87,7 +93,24 @@ impl LiveRig<'_> {
         match self {
             LiveRig::Fixed(calibration) => calibration.cameras,
             LiveRig::Moving(cameras) => **cameras,
+            LiveRig::Unknown { size } => [unknown(*size); 2],
         }
+    }
+}
+
+/// A pinhole that stands for a lens of which nothing is known.
+fn unknown((width, height): (usize, usize)) -> Camera {
+    let focal = width as f64;
+    Camera {
+        intrinsics: Intrinsics {
+            width,
+            height,
+            fx: focal,
+            fy: focal,
+            cx: (width as f64 - 1.0) / 2.0,
+            cy: (height as f64 - 1.0) / 2.0,
+        },
+        distortion: Distortion::NONE,
     }
 }
 
@@ -310,6 +333,7 @@ impl LiveSource {
                 self.remarks.extend(calibration.notes.iter().cloned());
                 self.calibration = Some(calibration);
             }
+            LiveRig::Unknown { .. } => self.info.cameras = [unknown(sizes[0]); 2],
             LiveRig::Moving(cameras) => {
                 let k = &cameras[0].intrinsics;
                 if (k.width, k.height) != sizes[0] {

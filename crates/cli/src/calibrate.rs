@@ -4,6 +4,7 @@ mod answer;
 mod figures;
 mod films;
 pub(crate) mod lists;
+mod live;
 mod look;
 mod motors;
 mod report;
@@ -47,9 +48,10 @@ Examples:
   vergence calibrate --target aprilgrid:6x6:88mm:0.3 --camera a=cam0/ --camera b=cam1/ --camera c=cam2/ --format json
   vergence calibrate --target chessboard:9x6:25mm --left l/ --right r/ --motors motors.csv --out machine.toml
   vergence calibrate --target charuco:7x5:40mm:30mm:DICT_5X5_100 --left left.mp4 --right right.mp4 --out rig.toml
+  vergence calibrate --target chessboard:9x6:25mm --source v4l2 --left /dev/video0 --right /dev/video2 --out rig.toml     cameras as they see now
   vergence calibrate --twin --target chessboard:11x8:30mm --out machine.toml     the simulated rig
 
-Of films (or URLs that ffmpeg reads) frames are taken where the board is held still at a new place.
+Of films and of live cameras (--source) frames are taken where the board is held still at a new place; Ctrl-C says that it is enough.
 Boards: chessboard:COLUMNSxROWS:SQUARE (inner corners), charuco:COLUMNSxROWS:SQUARE:MARKER:DICTIONARY[:legacy][:inverted] (squares), \
 aprilgrid:COLUMNSxROWS:TAG:SPACING, or Kalibr's target file. Pictures of several cameras belong together by the number in their names, else by their order.
 --times is a table with the columns time_left_s, time_right_s (time_NAME_s of --camera NAME=...) and a row for every pair.
@@ -139,8 +141,21 @@ pub(crate) struct CalibrateArgs {
         help_heading = "Pictures"
     )]
     times: Option<PathBuf>,
+    /// Calibrate live cameras: --left and --right (or --device) are devices or URLs, pairs are made by time.
+    #[arg(long, value_enum, value_name = "KIND", conflicts_with_all = ["camera", "motors", "times"], help_heading = "Cameras")]
+    source: Option<live::LiveChoice>,
+    /// Size of a video device's pictures [default: 640x480].
+    #[arg(
+        long,
+        value_name = "WxH",
+        requires = "source",
+        help_heading = "Cameras"
+    )]
+    size: Option<String>,
+    #[command(flatten)]
+    cameras_live: crate::run::live::CameraFlags,
     /// Let the simulated rig look at the board instead, its motors going from place to place.
-    #[arg(long, conflicts_with_all = ["left", "right", "camera", "motors", "times"], help_heading = "Pictures")]
+    #[arg(long, conflicts_with_all = ["left", "right", "camera", "motors", "times", "source"], help_heading = "Pictures")]
     twin: bool,
     /// Seed of the twin's boards, motions and noise.
     #[arg(
@@ -308,6 +323,18 @@ struct Pictures {
 
 impl Pictures {
     fn of_files(args: &CalibrateArgs, target: &Target) -> anyhow::Result<Self> {
+        if let Some(choice) = args.source {
+            let taken = live::taken(choice, args, target)?;
+            return Ok(Self {
+                names: ["left", "right"].map(str::to_owned).into(),
+                views: taken.views,
+                seen: taken.seen,
+                states: None,
+                times: None,
+                twin: None,
+            });
+        }
+        args.cameras_live.refuse("pictures and films")?;
         if let Some((names, films)) = lists::films(&args.left, &args.right, &args.camera)? {
             if args.motors.is_some() || args.times.is_some() {
                 let flag = if args.motors.is_some() {
@@ -321,7 +348,7 @@ impl Pictures {
                 .hint("give pictures, or leave it out")
                 .into());
             }
-            let taken = films::taken(&films, target)?;
+            let taken = films::of_films(&films, target)?;
             return Ok(Self {
                 names,
                 views: taken.views,

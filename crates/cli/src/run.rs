@@ -4,7 +4,7 @@ pub(crate) mod build;
 mod check;
 mod feed;
 mod folder;
-mod live;
+pub(crate) mod live;
 mod panel;
 mod plot;
 mod record;

@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use serde_json::Value;
@@ -271,7 +271,7 @@ fn refusal(output: &Output) -> String {
 }
 
 /// Two films in which the board is held still at twelve places and moved between give the pair that their pictures give; a film in which it
-/// never rests is refused. Needs ffmpeg.
+/// never rests is refused; the same two as live streams give the pair, too. Needs ffmpeg.
 #[test]
 fn films_give_their_still_moments() {
     if Command::new("ffmpeg").arg("-version").output().is_err() {
@@ -322,6 +322,51 @@ fn films_give_their_still_moments() {
     );
     let told = refusal(&output);
     assert!(told.contains("never held still"), "{told}");
+
+    let answer = live(&given, folder.path());
+    let baseline = answer["baseline_m"].as_f64().unwrap();
+    assert!((baseline - truth).abs() < 1e-3, "{baseline} for {truth}");
+}
+
+/// The same films, sent to this machine's ports at their own pace, as live cameras: what somebody calls enough with Ctrl-C.
+fn live(given: &[&str], folder: &Path) -> Value {
+    let ports = [0, 1].map(|_| {
+        let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+        (socket.local_addr().unwrap().port(), socket)
+    });
+    let urls = [0, 1].map(|eye: usize| format!("udp://127.0.0.1:{}", ports[eye].0));
+    drop(ports);
+    let cameras = [
+        "--source", "stream", "--left", &urls[0], "--right", &urls[1],
+    ];
+    let calibrating = Command::new(env!("CARGO_BIN_EXE_vergence"))
+        .args(given)
+        .args(cameras)
+        .current_dir(folder)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut sending = ["l.avi", "r.avi"].iter().zip(&urls).map(|(film, url)| {
+        Command::new("ffmpeg")
+            .args(["-nostdin", "-loglevel", "error", "-re", "-stream_loop", "1"])
+            .args(["-i", film, "-c:v", "mpeg2video", "-q:v", "2", "-g", "5"])
+            .args(["-f", "mpegts", &format!("{url}?pkt_size=1316")])
+            .current_dir(folder)
+            .spawn()
+            .unwrap()
+    });
+    let both = [sending.next().unwrap(), sending.next().unwrap()];
+    for mut one in both {
+        assert!(one.wait().unwrap().success());
+    }
+    let id = calibrating.id().to_string();
+    let told = Command::new("kill").args(["-INT", &id]).status().unwrap();
+    assert!(told.success());
+    let output = calibrating.wait_with_output().unwrap();
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{told}");
+    serde_json::from_slice(&output.stdout).unwrap()
 }
 
 /// Every kind of unusable pictures: exit code 2, one sentence that says what, and nothing written.

@@ -2,7 +2,7 @@
 //! each at a stand that none before had.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use rayon::prelude::*;
@@ -45,38 +45,49 @@ struct Moment {
     corners: Vec<Option<Vec<Sighting>>>,
 }
 
+/// All cameras' pictures at one moment after another.
+pub(super) trait Moments {
+    /// What each camera is called.
+    fn names(&self) -> Vec<String>;
+
+    /// The first moment at or after a time, s, with a picture of each camera; `None` when there is none any more or `enough` is set.
+    fn at(&mut self, due_s: f64, enough: &AtomicBool) -> Result<Option<(f64, Vec<Gray>)>, Fault>;
+}
+
 /// Take frames of a board from one film of each camera, which run together.
 ///
 /// # Errors
 /// Films that cannot be read, and films in which no board is held still.
-pub(super) fn taken(films: &[PathBuf], target: &Target) -> Result<Taken, Fault> {
-    let told = |e: vergence_capture::CaptureError| fault::usage(e.to_string());
-    let mut streams: Vec<Stream> = films
+pub(super) fn of_films(films: &[PathBuf], target: &Target) -> Result<Taken, Fault> {
+    let streams = films
         .iter()
         .map(|path| Stream::open(path).map_err(told))
         .collect::<Result<_, _>>()?;
+    taken(&mut Films { streams }, target)
+}
+
+fn told(e: vergence_capture::CaptureError) -> Fault {
+    fault::usage(e.to_string())
+}
+
+/// Take frames of a board at the moments at which it stands still.
+///
+/// # Errors
+/// What the moments' source says, and moments at which no board is held still.
+pub(super) fn taken(moments: &mut impl Moments, target: &Target) -> Result<Taken, Fault> {
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(5));
     // A stream ends when somebody says so: Ctrl-C is "enough".
     let enough = crate::run::stop_on_signals().map_err(|e| fault::failed(e.to_string()))?;
+    let mut sizes: Vec<(usize, usize)> = Vec::new();
     let mut why_not: Option<String> = None;
     let mut stands: Vec<Moment> = Vec::new();
     let mut before: Option<Moment> = None;
     let (mut due_s, mut looks, mut with_board) = (f64::NEG_INFINITY, 0, 0);
     while !enough.load(Ordering::Relaxed)
-        && let Some(time_s) = streams[0].advance().map_err(told)?
+        && let Some((time_s, grays)) = moments.at(due_s, &enough)?
     {
-        if time_s < due_s {
-            continue;
-        }
         due_s = time_s + LOOK_S;
-        let mut together = true;
-        for stream in &mut streams[1..] {
-            together &= stream.advance_to(time_s).map_err(told)?;
-        }
-        if !together {
-            break;
-        }
-        let grays: Vec<Gray> = streams.iter().filter_map(Stream::gray).collect();
+        sizes = grays.iter().map(Gray::size).collect();
         let looked: Vec<Seen> = grays.par_iter().map(|gray| seen_in(gray, target)).collect();
         if let Some(Seen::Nothing(reason)) = looked.iter().find(|s| matches!(s, Seen::Nothing(_))) {
             why_not.get_or_insert_with(|| reason.clone());
@@ -88,7 +99,7 @@ pub(super) fn taken(films: &[PathBuf], target: &Target) -> Result<Taken, Fault> 
         let still = before
             .as_ref()
             .is_some_and(|before| stands_still(before, &now));
-        if still && is_new(&stands, &now, &streams) {
+        if still && is_new(&stands, &now, &sizes) {
             stands.push(Moment {
                 time_s,
                 corners: now.corners.clone(),
@@ -109,13 +120,13 @@ pub(super) fn taken(films: &[PathBuf], target: &Target) -> Result<Taken, Fault> 
     }
     bar.finish_and_clear();
     if stands.is_empty() {
-        return Err(nothing(films, looks, with_board, why_not.as_deref()));
+        let names = moments.names();
+        return Err(nothing(&names[0], looks, with_board, why_not.as_deref()));
     }
-    Ok(views_of(films, &streams, &stands))
+    Ok(views_of(&moments.names(), &sizes, &stands))
 }
 
-fn nothing(films: &[PathBuf], looks: usize, with_board: usize, why_not: Option<&str>) -> Fault {
-    let name = films[0].display();
+fn nothing(name: &str, looks: usize, with_board: usize, why_not: Option<&str>) -> Fault {
     match with_board {
         0 => fault::usage(format!(
             "the board is seen in none of {looks} frames of {name}; in the first: {}",
@@ -129,22 +140,18 @@ fn nothing(films: &[PathBuf], looks: usize, with_board: usize, why_not: Option<&
     }
 }
 
-fn views_of(films: &[PathBuf], streams: &[Stream], stands: &[Moment]) -> Taken {
+fn views_of(names: &[String], sizes: &[(usize, usize)], stands: &[Moment]) -> Taken {
     let (mut views, mut seen) = (Vec::new(), Vec::new());
-    for camera in 0..films.len() {
+    for (camera, name) in names.iter().enumerate() {
         for (group, stand) in stands.iter().enumerate() {
             let Some(corners) = &stand.corners[camera] else {
                 continue;
             };
             views.push(View {
-                path: PathBuf::from(format!(
-                    "{} at {:.2} s",
-                    films[camera].display(),
-                    stand.time_s
-                )),
+                path: PathBuf::from(format!("{name} at {:.2} s", stand.time_s)),
                 camera,
                 group,
-                size: streams[camera].size(),
+                size: sizes[camera],
             });
             seen.push(Seen::Board(corners.clone()));
         }
@@ -168,10 +175,10 @@ fn stands_still(before: &Moment, now: &Moment) -> bool {
     any
 }
 
-fn is_new(stands: &[Moment], now: &Moment, streams: &[Stream]) -> bool {
+fn is_new(stands: &[Moment], now: &Moment, sizes: &[(usize, usize)]) -> bool {
     stands.iter().all(|stand| {
-        (0..streams.len()).any(|camera| {
-            let limit_px = NEW_SHARE * streams[camera].size().0 as f64;
+        (0..sizes.len()).any(|camera| {
+            let limit_px = NEW_SHARE * sizes[camera].0 as f64;
             match (&stand.corners[camera], &now.corners[camera]) {
                 (Some(then), Some(now)) => apart_px(then, now).is_none_or(|px| px > limit_px),
                 // A camera that did not see the board then sees something new.
@@ -194,8 +201,41 @@ fn apart_px(a: &[Sighting], b: &[Sighting]) -> Option<f64> {
     (count >= LEAST_COMMON).then(|| (sum / f64::from(count)).sqrt())
 }
 
+/// Films that run together.
+struct Films {
+    streams: Vec<Stream>,
+}
+
+impl Moments for Films {
+    fn names(&self) -> Vec<String> {
+        let name = |s: &Stream| s.path.display().to_string();
+        self.streams.iter().map(name).collect()
+    }
+
+    fn at(&mut self, due_s: f64, enough: &AtomicBool) -> Result<Option<(f64, Vec<Gray>)>, Fault> {
+        let Some((first, others)) = self.streams.split_first_mut() else {
+            return Ok(None);
+        };
+        let time_s = loop {
+            match first.advance().map_err(told)? {
+                Some(time_s) if time_s >= due_s => break time_s,
+                Some(_) if !enough.load(Ordering::Relaxed) => {}
+                _ => return Ok(None),
+            }
+        };
+        for stream in others {
+            if !stream.advance_to(time_s).map_err(told)? {
+                return Ok(None);
+            }
+        }
+        let grays = self.streams.iter().filter_map(Stream::gray).collect();
+        Ok(Some((time_s, grays)))
+    }
+}
+
 /// One film with its newest frame.
 struct Stream {
+    path: PathBuf,
     frames: Frames,
     newest: Option<TimedFrame>,
 }
@@ -203,6 +243,7 @@ struct Stream {
 impl Stream {
     fn open(path: &Path) -> Result<Self, vergence_capture::CaptureError> {
         Ok(Self {
+            path: path.to_owned(),
             frames: Frames::open(path, Path::new("ffmpeg"), OnFault::Refuse)?,
             newest: None,
         })
@@ -229,10 +270,6 @@ impl Stream {
             }
         }
         Ok(true)
-    }
-
-    fn size(&self) -> (usize, usize) {
-        self.newest.as_ref().map_or((0, 0), |f| f.picture.size())
     }
 
     fn gray(&self) -> Option<Gray> {

@@ -1,6 +1,6 @@
 //! Cameras as they see now: flags and settings of `vergence run`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use vergence_calib::{ReadOptions, RigCalibration};
 use vergence_capture::live::{LiveKind, PixelFormat, Transport, V4l2Controls};
@@ -101,6 +101,79 @@ impl CameraFlags {
             None => Ok(()),
         }
     }
+
+    /// What these flags say of cameras of a kind.
+    pub(crate) fn config(
+        &self,
+        kind: LiveKind,
+        left: Option<&Path>,
+        right: Option<&Path>,
+        fps: Option<&str>,
+    ) -> Result<LiveConfig, Fault> {
+        if kind != LiveKind::V4l2
+            && let Some(flag) = self.of_devices()
+        {
+            let hint = "it belongs to --source v4l2";
+            return Err(fault::usage(format!("{flag} has no meaning for streams")).hint(hint));
+        }
+        if kind != LiveKind::Rtsp && self.udp {
+            return Err(fault::usage("--udp has no meaning for these cameras")
+                .hint("it belongs to --source rtsp"));
+        }
+        let input = match (&self.device, left, right) {
+            (Some(device), None, None) => LiveInput::SideBySide(device.clone()),
+            (None, Some(left), Some(right)) => LiveInput::Two {
+                left: left.to_owned(),
+                right: right.to_owned(),
+            },
+            (Some(_), _, _) => {
+                return Err(fault::usage(
+                    "--device is both cameras, --left and --right are one each",
+                )
+                .hint("give either --device or --left and --right"));
+            }
+            _ => {
+                return Err(fault::usage("cameras need --left and --right, or --device")
+                    .hint("for example --left /dev/video0 --right /dev/video2"));
+            }
+        };
+        let mut config = LiveConfig::new(kind, input);
+        if let Some(text) = fps {
+            config.fps = Some(super::build::rate_from_text(text, "--fps")?);
+        }
+        if let Some(text) = self.max_apart.as_deref() {
+            let wrong = |why: &str| {
+                fault::usage(format!("--max-apart '{text}': {why}"))
+                    .hint("write a time, for example 5ms")
+            };
+            let limit_s = Dimension::Time.parse(text).map_err(|e| wrong(&e))?;
+            if !(limit_s > 0.0 && limit_s <= 1.0) {
+                return Err(wrong("must be greater than 0 and at most 1 s"));
+            }
+            config.max_apart_s = Some(limit_s);
+        }
+        if let Some(pictures) = self.frozen_after {
+            config.frozen_after = pictures;
+        }
+        if self.udp {
+            config.transport = Transport::Udp;
+        }
+        config.v4l2.format = self.pixels.map(|pixels| match pixels {
+            Pixels::Yuyv => PixelFormat::Yuyv,
+            Pixels::Mjpeg => PixelFormat::Mjpeg,
+            Pixels::Nv12 => PixelFormat::Nv12,
+            Pixels::Grey => PixelFormat::Grey,
+            Pixels::Rgb24 => PixelFormat::Rgb24,
+        });
+        config.v4l2.controls = V4l2Controls {
+            exposure: self.exposure,
+            gain: self.gain,
+            white_balance: self.white_balance,
+            focus: self.focus,
+            leave: self.leave_controls,
+        };
+        Ok(config)
+    }
 }
 
 /// Open the cameras that the flags name.
@@ -116,7 +189,6 @@ pub(crate) fn source(args: &RunArgs, options: &ReadOptions<'_>) -> anyhow::Resul
 }
 
 fn config(args: &RunArgs) -> Result<LiveConfig, Fault> {
-    let flags = &args.cameras_live;
     let kind = match args.source {
         SourceKind::Rtsp => LiveKind::Rtsp,
         SourceKind::Stream => LiveKind::Stream,
@@ -142,67 +214,7 @@ fn config(args: &RunArgs) -> Result<LiveConfig, Fault> {
             .hint("vergence run --motors CONTROLLER turns the motors with the twin's cameras"));
         }
     }
-    if kind != LiveKind::V4l2
-        && let Some(flag) = flags.of_devices()
-    {
-        let hint = "it belongs to --source v4l2";
-        return Err(fault::usage(format!("{flag} has no meaning for streams")).hint(hint));
-    }
-    if kind != LiveKind::Rtsp && flags.udp {
-        return Err(fault::usage("--udp has no meaning for these cameras")
-            .hint("it belongs to --source rtsp"));
-    }
-    let input = match (&flags.device, &args.left, &args.right) {
-        (Some(device), None, None) => LiveInput::SideBySide(device.clone()),
-        (None, Some(left), Some(right)) => LiveInput::Two {
-            left: left.clone(),
-            right: right.clone(),
-        },
-        (Some(_), _, _) => {
-            return Err(
-                fault::usage("--device is both cameras, --left and --right are one each")
-                    .hint("give either --device or --left and --right"),
-            );
-        }
-        _ => {
-            return Err(fault::usage("cameras need --left and --right, or --device")
-                .hint("for example --left /dev/video0 --right /dev/video2"));
-        }
-    };
-    let mut config = LiveConfig::new(kind, input);
-    if let Some(text) = args.fps.as_deref() {
-        config.fps = Some(super::build::rate_from_text(text, "--fps")?);
-    }
-    if let Some(text) = flags.max_apart.as_deref() {
-        let wrong = |why: &str| {
-            fault::usage(format!("--max-apart '{text}': {why}"))
-                .hint("write a time, for example 5ms")
-        };
-        let limit_s = Dimension::Time.parse(text).map_err(|e| wrong(&e))?;
-        if !(limit_s > 0.0 && limit_s <= 1.0) {
-            return Err(wrong("must be greater than 0 and at most 1 s"));
-        }
-        config.max_apart_s = Some(limit_s);
-    }
-    if let Some(pictures) = flags.frozen_after {
-        config.frozen_after = pictures;
-    }
-    if flags.udp {
-        config.transport = Transport::Udp;
-    }
-    config.v4l2.format = flags.pixels.map(|pixels| match pixels {
-        Pixels::Yuyv => PixelFormat::Yuyv,
-        Pixels::Mjpeg => PixelFormat::Mjpeg,
-        Pixels::Nv12 => PixelFormat::Nv12,
-        Pixels::Grey => PixelFormat::Grey,
-        Pixels::Rgb24 => PixelFormat::Rgb24,
-    });
-    config.v4l2.controls = V4l2Controls {
-        exposure: flags.exposure,
-        gain: flags.gain,
-        white_balance: flags.white_balance,
-        focus: flags.focus,
-        leave: flags.leave_controls,
-    };
-    Ok(config)
+    let [left, right] = [&args.left, &args.right].map(Option::as_deref);
+    args.cameras_live
+        .config(kind, left, right, args.fps.as_deref())
 }
