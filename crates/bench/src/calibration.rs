@@ -128,6 +128,12 @@ fn table(set: &Set) -> anyhow::Result<()> {
         1e3 * detect_s,
         1e3 * report["detect_s"].as_f64().unwrap_or(f64::NAN)
     );
+    print_rows(&rivals, [&ours, &theirs], times.as_deref());
+    Ok(())
+}
+
+/// Each calibration's rows on both sides' corners, as they are and, where times are stated, with the board's motion taken out.
+fn print_rows(rivals: &[Rival], [ours, theirs]: [&Pairs; 2], times: Option<&[[f64; 2]]>) {
     println!(
         "  calibration                                on our corners    on OpenCV's     baseline, mm    ms{}",
         if times.is_some() {
@@ -136,7 +142,7 @@ fn table(set: &Set) -> anyhow::Result<()> {
             ""
         }
     );
-    for rival in &rivals {
+    for rival in rivals {
         let on = |pairs: &Pairs| {
             let rows = held_out_rows(&rival.folds, pairs);
             let lost = match rows.lost {
@@ -148,20 +154,19 @@ fn table(set: &Set) -> anyhow::Result<()> {
         println!(
             "  {:<42} {:<17} {:<15} {:>8.2}  {:>8.1}{}",
             rival.name,
-            on(&ours),
-            on(&theirs),
+            on(ours),
+            on(theirs),
             1e3 * rival.baseline_m,
             1e3 * rival.seconds,
-            times.as_ref().map_or_else(String::new, |times| {
+            times.map_or_else(String::new, |times| {
                 let still = |pairs: &Pairs| {
                     let (rows, delay_s) = still_rows(&rival.folds, pairs, times);
                     format!("{:.3} ({:+.0})", rows.rms_px, 1e3 * delay_s)
                 };
-                format!("    {} / {}", still(&ours), still(&theirs))
+                format!("    {} / {}", still(ours), still(theirs))
             })
         );
     }
-    Ok(())
 }
 
 /// When the left and the right picture of every pair were taken, s, where the set says so.

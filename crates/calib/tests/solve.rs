@@ -194,10 +194,13 @@ fn a_moving_board_is_followed() {
     let delay = told.delays[1];
     assert_eq!(told.delays[0].seconds, 0.0);
     assert!((delay.seconds - LATE_S).abs() < 1.5e-3, "{delay:?}");
-    assert!(delay.sigma_s < 1e-3, "{delay:?}");
+    assert!(
+        delay.sigma_s < 2e-3 && (delay.seconds - LATE_S).abs() < 3.0 * delay.sigma_s,
+        "{delay:?}"
+    );
     let (turn_deg, shift_m) = off(&told);
     assert!(
-        turn_deg < 0.1 && shift_m < 1.5e-3,
+        turn_deg < 0.06 && shift_m < 8e-4,
         "{turn_deg} deg, {shift_m} m"
     );
     assert!(
@@ -219,7 +222,7 @@ fn a_moving_board_is_followed() {
         untold.rms_px
     );
     assert!(
-        untold_deg > 2.0 * turn_deg && untold_m > 2.0 * shift_m,
+        untold_deg > 10.0 * turn_deg && untold_m > 10.0 * shift_m,
         "{untold_deg}, {untold_m}"
     );
     assert!(

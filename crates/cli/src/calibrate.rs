@@ -221,7 +221,10 @@ pub(crate) fn run(global: &Global, args: &CalibrateArgs) -> anyhow::Result<()> {
     lists::check_out(args.out.as_deref())?;
     check_export(args)?;
     let pictures = match args.twin {
-        true => Pictures::of_twin(&crate::twin::config(&global.settings(&[])?)?, args, &target)?,
+        true => {
+            args.cameras_live.refuse("the twin")?;
+            Pictures::of_twin(&crate::twin::config(&global.settings(&[])?)?, args, &target)?
+        }
         false => Pictures::of_files(args, &target)?,
     };
     if args.unit.is_some() && pictures.names.len() != 2 {
@@ -231,6 +234,11 @@ pub(crate) fn run(global: &Global, args: &CalibrateArgs) -> anyhow::Result<()> {
     let mut work = Work::new(&pictures);
     work.orient(args, &target)?;
     let calibration = work.calibrated(args)?;
+    if pictures.times.is_some() && calibration.delays.is_empty() {
+        output::say(
+            "--times tell nothing here: it takes several cameras, each of which saw the board at three moments of the first camera or more",
+        );
+    }
     let saved = Saved::new(&calibration, &pictures.names)?;
     let mut answer = Answer::new(&work, &calibration, &target);
     if let Some(config) = &pictures.twin {

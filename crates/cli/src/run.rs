@@ -129,7 +129,7 @@ pub(crate) struct RunArgs {
     /// Do not wait for the wall clock.
     #[arg(long)]
     fast: bool,
-    /// Render all pictures before the run, which then has the processors for itself as with cameras (up to 3 GB).
+    /// Render all pictures before the run, which then has the processors for itself as with cameras (up to 3.2 GB).
     #[arg(long, conflicts_with = "fast", help_heading = "Twin")]
     rehearse: bool,
     /// Leave no recording.mcap in the run's folder.

@@ -23,9 +23,12 @@ use crate::state::{ControlState, StateInputs, next_state};
 /// A parked axis is this near to its angle, rad (0.03°).
 const PARKED_WITHIN_RAD: f64 = 5e-4;
 
-/// An estimate that is not renewed is extrapolated for so long, s: a frame or two. Beyond that the target is taken to stand, since whoever
-/// estimates does not trust the prediction any more.
+/// An estimate that is not renewed is extrapolated for so long, s, or for [`RENEWED_LEADS`] leads where that is longer. Beyond that the target
+/// is taken to stand, since whoever estimates does not trust the prediction any more.
 const RENEWED_WITHIN_S: f64 = 0.15;
+
+/// A lead is half a period of the pictures: two periods in which nothing came, and the lead itself.
+const RENEWED_LEADS: f64 = 5.0;
 
 /// A target that is out of sight is followed no further than this from where the head looked when it was last in sight, rad (10°): the place
 /// where it was stays in the pictures, and it is found again if it only stopped.
@@ -349,7 +352,7 @@ impl Controller {
         let Some(mut wanted) = self.wanted(&target, at_s) else {
             let refused = ControlError::Estimate {
                 field: "predicted position z in m",
-                value: predicted(&target, at_s).0.z,
+                value: predicted(&target, at_s, self.settings.lead_s).0.z,
                 rule: "greater than 0: in front of the head",
             };
             return self.output(now_s, AxisCommand::Hold, Some(refused));
@@ -383,7 +386,7 @@ impl Controller {
 
     /// Angles of the loads for full convergence at `at_s`.
     fn wanted(&mut self, target: &TargetEstimate, at_s: f64) -> Option<Wanted> {
-        let (position_in_base, velocity) = predicted(target, at_s);
+        let (position_in_base, velocity) = predicted(target, at_s, self.settings.lead_s);
         let velocity = &velocity;
         let mut aim = aim_from_target(&position_in_base, velocity)?;
         if self.state == ControlState::Tracking {
@@ -545,8 +548,8 @@ impl Controller {
 }
 
 /// Where a target is expected, and how fast it moves then.
-fn predicted(target: &TargetEstimate, at_s: f64) -> (Point3<f64>, Vector3<f64>) {
-    let until_s = target.time_s + RENEWED_WITHIN_S;
+fn predicted(target: &TargetEstimate, at_s: f64, lead_s: f64) -> (Point3<f64>, Vector3<f64>) {
+    let until_s = target.time_s + RENEWED_WITHIN_S.max(RENEWED_LEADS * lead_s);
     let velocity = match at_s <= until_s {
         true => target.velocity_in_base,
         false => Vector3::zeros(),
@@ -590,4 +593,34 @@ fn trusted(field: &'static str, value: f64, limit: f64) -> Result<(), ControlErr
     }
     let rule = "below the limit of the settings, or the motors would move on a guess";
     Err(ControlError::Estimate { field, value, rule })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An estimate is carried on over the lead and two periods of the pictures, at two a second as at thirty, and no further.
+    #[test]
+    fn estimates_are_carried_on_for_two_periods() {
+        let target = TargetEstimate {
+            time_s: 10.0,
+            position_in_base: Point3::new(1.0, 0.0, 5.0),
+            velocity_in_base: Vector3::new(2.0, 0.0, 0.0),
+            seen_s: 10.0,
+            covariance: nalgebra::Matrix6::zeros(),
+        };
+        for fps in [2.0, 30.0] {
+            let lead_s = 0.5 / fps;
+            let fresh_s = 10.0 + 2.0 / fps + lead_s;
+            let (position, velocity) = predicted(&target, fresh_s, lead_s);
+            assert!(
+                (position.x - (1.0 + 2.0 * (fresh_s - 10.0))).abs() < 1e-9,
+                "{fps}"
+            );
+            assert_eq!(velocity.x, 2.0, "{fps}");
+            let (later, still) = predicted(&target, 60.0, lead_s);
+            assert!(later.x < 1.0 + 2.0 * 0.16_f64.max(2.6 / fps), "{fps}");
+            assert_eq!(still, Vector3::zeros(), "{fps}");
+        }
+    }
 }

@@ -9,7 +9,7 @@ use super::flatness::{Flatness, flatness};
 use super::initial;
 use super::lens::LensModel;
 use super::mechanism::{AXES, Mechanism, Unknowns};
-use super::moving::{Delay, Moving};
+use super::moving::{Delay, Moving, delays, late};
 use crate::CalibError;
 
 /// Huber's limit, in standard deviations: nearly plain least squares for errors that are normal, and a bound for those that are not.
@@ -24,15 +24,17 @@ const LEAST_REJECTED_PX: f64 = 0.5;
 /// Cameras disagree when their errors together are so many times those of each alone.
 const DISAGREEING: f64 = 2.0;
 
+/// The same where a moving board was followed: what is left of its motion is not for lenses to explain.
+const LEFT_OF_MOTION: f64 = 1.2;
+
 /// Rounds of leaving out and solving again.
 const ROUNDS: usize = 4;
 
-/// Further rounds in which a moving board is followed: velocities come from places, places from delays, delays from velocities.
-const FOLLOWING: usize = 5;
+/// Most further rounds in which a moving board is followed: velocities come from places, places from delays, delays from velocities.
+const FOLLOWING: usize = 12;
 
-/// Delays beyond so many standard deviations, and above this, s, are told.
-const TOLD_DELAY: f64 = 3.0;
-const LEAST_DELAY_S: f64 = 1e-3;
+/// Velocities have settled when none changes by more than this from round to round, m/s and rad/s: a hundredth of a millimetre in 100 ms.
+const SETTLED: f64 = 1e-4;
 
 /// Settings of a calibration.
 #[derive(Clone, Debug)]
@@ -100,7 +102,8 @@ pub struct Calibration {
     pub corner_count: usize,
     /// Shots that took no part.
     pub rejected: Vec<Rejected>,
-    /// How much later than stated every camera exposes; camera 0 by definition as stated. Empty where no times were stated.
+    /// How much later than stated every camera exposes; camera 0 by definition as stated. Empty where no times were stated, or where some camera
+    /// shares fewer than three places with camera 0. The deviations of everything else take the board's velocities as known.
     pub delays: Vec<Delay>,
     /// Shape of the board; `None` where the pictures do not tell it.
     pub flatness: Option<Flatness>,
@@ -217,7 +220,11 @@ fn together(shots: &[Shot], settings: &Settings) -> Result<Calibration, CalibErr
         .iter()
         .map(|c| c.rms_px.powi(2) * c.corner_count as f64);
     let alone_rms_px = (squares.sum::<f64>() / corners.max(1) as f64).sqrt();
-    if joint.rms_px < DISAGREEING * alone_rms_px {
+    let disagreeing = match joint.delays.is_empty() {
+        true => DISAGREEING,
+        false => LEFT_OF_MOTION,
+    };
+    if joint.rms_px < disagreeing * alone_rms_px {
         return Ok(joint);
     }
     let settings = Settings {
@@ -230,14 +237,15 @@ fn together(shots: &[Shot], settings: &Settings) -> Result<Calibration, CalibErr
         .enumerate()
         .flat_map(|(i, c)| c.weaknesses.iter().map(move |w| w.of_camera(i)))
         .collect();
-    calibration.weaknesses.push(Weakness {
+    let apart = calibration.rms_px >= DISAGREEING * alone_rms_px;
+    calibration.weaknesses.extend(apart.then(|| Weakness {
         what: format!(
             "the cameras disagree about where the board was: {:.2} px RMS together, {alone_rms_px:.2} px each alone; their pictures were \
              not taken at the same moment, or the rig moved. The lenses are those of each camera alone",
             calibration.rms_px
         ),
         remedy: "put the board on a stand, or trigger the cameras together".to_owned(),
-    });
+    }));
     calibration.weaknesses.extend(late(&calibration.delays));
     calibration.with_lenses_of(&alone);
     Ok(calibration)
@@ -424,8 +432,14 @@ fn solved_by(
         },
     };
     let following = if state.moving.is_told() { FOLLOWING } else { 0 };
+    // What is not followed yet is not left out for it.
+    let mut followed = following == 0;
     for round in 0..ROUNDS + following {
         let taken = Taken::new(shots, &rejected);
+        if round > 0 && following > 0 {
+            let change = state.moving.follow(&state.placements, &taken.placements);
+            followed |= change < SETTLED || round >= following;
+        }
         let mut problem = taken.problem(settings, unknowns.clone(), belief);
         // The first round forgives more: its start is rough.
         problem.huber = match round {
@@ -442,9 +456,6 @@ fn solved_by(
             });
         }
         taken.put_back(&next, &mut state);
-        state.moving.follow(&state.placements, &taken.placements);
-        // What is not followed yet is not left out for it.
-        let followed = round + 1 >= following;
         let worse = match settings.reject && followed && round + 1 < ROUNDS + following {
             true => worse_shots(shots, &state, &rejected),
             false => Vec::new(),
@@ -667,34 +678,4 @@ fn finished(
     calibration.weaknesses = checks::weaknesses(&calibration, &used, settings)?;
     calibration.weaknesses.extend(late(&calibration.delays));
     Ok(calibration)
-}
-
-/// Every camera's delay with its standard deviation.
-fn delays(calibration: &Calibration) -> Vec<Delay> {
-    let delay = |(camera, seconds): (usize, &f64)| Delay {
-        seconds: *seconds,
-        sigma_s: calibration
-            .sigma(&format!("camera{camera}.delay_s"))
-            .unwrap_or(0.0),
-    };
-    let found = calibration.moving.delays.iter();
-    found.enumerate().map(delay).collect()
-}
-
-/// Cameras that certainly expose at other times than stated.
-fn late(delays: &[Delay]) -> Vec<Weakness> {
-    let certain = |(_, d): &(usize, &Delay)| {
-        d.seconds.abs() > LEAST_DELAY_S && d.seconds.abs() > TOLD_DELAY * d.sigma_s
-    };
-    let told = delays.iter().enumerate().filter(certain);
-    told.map(|(camera, d)| Weakness {
-        what: format!(
-            "camera {camera}: it exposes {:.1} ms {} than stated, beside the first (± {:.1} ms); the board's motion between is taken into account",
-            1e3 * d.seconds.abs(),
-            if d.seconds > 0.0 { "later" } else { "earlier" },
-            1e3 * d.sigma_s
-        ),
-        remedy: "what moves is seen at two places for it: trigger the cameras together".to_owned(),
-    })
-    .collect()
 }

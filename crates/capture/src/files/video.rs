@@ -254,12 +254,13 @@ impl VideoDecoder {
     /// What the end of the pipe means, `clean` between two pictures or not.
     fn ended(&mut self, clean: bool) -> Result<Option<Timed>, CaptureError> {
         let status = self.program.wait();
+        // Until the listener has heard all: it waits for room while there are more times than frames were asked for.
+        let withheld = self.times.iter().count();
         let last_words = self.program.last_words();
         let well = clean && status.is_some_and(|s| s.success());
         if well && !self.strict {
             return Ok(None);
         }
-        let withheld = self.times.try_iter().count();
         Err(self.fault(match last_words.as_str() {
             "" if well && withheld == 0 => return Ok(None),
             "" if well => format!("gave {} frames and withheld {withheld}", self.count),

@@ -66,6 +66,10 @@ pub(super) fn of_films(films: &[PathBuf], target: &Target) -> Result<Taken, Faul
     taken(&mut Films { streams }, target)
 }
 
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the shape that map_err calls"
+)]
 fn told(e: vergence_capture::CaptureError) -> Fault {
     fault::usage(e.to_string())
 }

@@ -59,6 +59,12 @@ pub(super) fn taken(
     let (left, right) = (one("--left", &args.left)?, one("--right", &args.right)?);
     let flags = &args.cameras_live;
     let config = flags.config(kind, left.as_deref(), right.as_deref(), None)?;
+    if kind != LiveKind::V4l2 && args.size.is_some() {
+        return Err(fault::usage(
+            "--size has no meaning for streams, which have a size of their own",
+        )
+        .hint("it belongs to --source v4l2"));
+    }
     let rig = LiveRig::Unknown {
         size: size(args.size.as_deref().unwrap_or(USUAL_SIZE))?,
     };

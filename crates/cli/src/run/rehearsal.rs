@@ -15,7 +15,7 @@ use super::build::Built;
 use super::feed::Feed;
 use super::session;
 
-/// Most bytes of pictures that are kept: 21 s of pairs of 1024x768 at 30 a second.
+/// Most bytes of pictures that are kept: 22 s of pairs of 1024x768 at 30 a second.
 const MOST_BYTES: u64 = 3 << 30;
 
 /// Go through the run and keep its pictures; refused when they would take too much memory.
