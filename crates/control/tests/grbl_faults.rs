@@ -60,6 +60,54 @@ fn a_stuck_axis_fails_to_home() {
     rig.recover();
 }
 
+/// A line so bad that the controller seems to be another one, again and again: it is told as unfit, and taken soon after the line is good again
+/// without anybody's word.
+#[test]
+fn damaged_answers_make_no_lasting_misfit() {
+    let mut rig = Rig::new();
+    let garbled = GrblFault::Garbled {
+        way: Way::Out,
+        part: 0.02,
+        until_s: 20.0,
+    };
+    rig.grbl.lock().fault(garbled, 0.0);
+    while rig.drive.findings().is_empty() {
+        assert!(rig.now_s < 20.0, "never found unfit: {:?}", rig.events);
+        rig.run(0.1, None);
+    }
+    assert!(matches!(rig.drive.link(), Link::Down { .. }));
+    rig.run(20.0 - rig.now_s, None);
+    rig.run(5.0, None);
+    assert!(
+        matches!(rig.drive.link(), Link::Up { .. }),
+        "{:?} {:?}",
+        rig.drive.link(),
+        rig.events
+    );
+    assert_eq!(rig.drive.findings(), &[] as &[String]);
+    rig.recover();
+}
+
+/// The order to home is lost on the line: it is told within some seconds, not after the time that homing may take, and homing works after it.
+#[test]
+fn a_lost_order_to_home_is_noticed() {
+    let mut rig = Rig::new();
+    rig.run(1.0, None);
+    let now_s = rig.now_s;
+    let lost = GrblFault::Lost {
+        way: Way::In,
+        part: 1.0,
+        until_s: now_s + 0.02,
+    };
+    rig.grbl.lock().fault(lost, now_s);
+    rig.drive.home(now_s).unwrap();
+    rig.run(4.0, None);
+    assert_eq!(rig.drive.states(), [AxisState::Fault; 4]);
+    let told = |e: &vergence_control::DriveEvent| e.text.contains("homing did not begin");
+    assert!(rig.events.iter().any(told), "{:?}", rig.events);
+    rig.recover();
+}
+
 /// Faults by name, and whether the axes then need a person's word.
 fn faults() -> Vec<(&'static str, GrblFault, bool)> {
     // The motion of the test is at 6 s when they are planted.

@@ -341,6 +341,11 @@ impl Follower {
 
     /// Take `mover` as the target.
     fn lock(&mut self, seen: &Observation, mover: &Mover) -> Option<Sighting> {
+        let mut mover = *mover;
+        let by_outline = mover.measured && self.settings.posture == Posture::Upright;
+        if by_outline {
+            self.look_for_chest(seen, &mut mover);
+        }
         let mut distance_m = mover.distance_m;
         let mut range = None;
         if let Some(right) = &seen.right {
@@ -359,8 +364,7 @@ impl Follower {
                 distance_m = r.distance_m;
             }
         }
-        let mut mover = *mover;
-        if mover.measured && self.settings.posture == Posture::Upright {
+        if by_outline {
             self.centre_on_outline(seen, &mut mover, distance_m);
         }
         let facet = Facet::facing(&seen.left.lens(), &mover.ray, distance_m, &Vector3::y());

@@ -72,6 +72,8 @@ enum Outline {
     Person,
     /// Half width, metres; endless up and down.
     Pillar(f64),
+    /// Something half a metre above a person's head.
+    Above,
 }
 
 impl Outline {
@@ -80,6 +82,7 @@ impl Outline {
     fn contains(self, x: f64, y: f64) -> bool {
         match self {
             Self::Pillar(half_m) => x.abs() < half_m,
+            Self::Above => x.abs() < 0.2 && (-0.95..=-0.8).contains(&y),
             Self::Person if !(-0.46..=1.26).contains(&y) => false,
             Self::Person if y < -0.2 => x.abs() < 0.085,
             Self::Person if y < 0.35 => x.abs() < 0.22,
@@ -260,6 +263,30 @@ fn nearest_mover_is_found_and_followed() {
         }
     }
     assert!(found_at.is_some_and(|t| t < 1.0), "{found_at:?}");
+}
+
+/// What moves reaches half a metre above the head of who moves: the chest is found all the same, from the first sighting on.
+#[test]
+fn what_moves_above_a_head_is_not_the_head() {
+    let mut stage = Stage::new();
+    let mut follower = Follower::new(FollowSettings::default());
+    let mut seen = 0;
+    for i in 0..24 {
+        let t = f64::from(i) / FPS;
+        let target = Point3::new(-0.5 + 0.6 * t, 0.0, 4.5);
+        let above = Card {
+            outline: Outline::Above,
+            seed: 31,
+            ..person(target)
+        };
+        let angles = HeadAngles::default();
+        let report = stage.step(&mut follower, &angles, &[person(target), above]);
+        if let Some(miss) = miss_m(&stage, &angles, &report, &target) {
+            seen += 1;
+            assert!(miss < 0.2, "frame {i}: {miss} m, {report:?}");
+        }
+    }
+    assert!(seen >= 6, "seen in {seen} frames");
 }
 
 /// Behind a nearer wall the target is reported hidden, not replaced, and is seen again within half a second.

@@ -154,9 +154,24 @@ impl GrblDrive {
     }
 
     fn watch_homing(&mut self) {
-        let Some(homing) = self.homing else {
+        let Some(mut homing) = self.homing else {
             return;
         };
+        // Grbl says nothing while it homes, grblHAL says that it does: who says for a while that it stands did not take the order, or its answer was lost.
+        let stands = self.reported.is_some_and(|r| {
+            let new = r.certain && r.asked_s > homing.since_s + ANSWER_S;
+            new && matches!(r.state, MachineState::Idle | MachineState::Alarm(_))
+        });
+        homing.stands_s = match stands && !homing.done {
+            true => homing.stands_s.or(Some(self.now_s)),
+            false => None,
+        };
+        self.homing = Some(homing);
+        if homing.stands_s.is_some_and(|s| self.now_s - s > ANSWER_S) {
+            self.urgent.push(SOFT_RESET);
+            self.fail("homing did not begin, or its end was not told: check the cable, release the fault and home again");
+            return;
+        }
         let most_s = self.config.homing_s;
         if self.now_s - homing.since_s > most_s {
             self.urgent.push(SOFT_RESET);
@@ -202,6 +217,7 @@ impl GrblDrive {
         self.homing = Some(Homing {
             since_s: self.now_s,
             done: false,
+            stands_s: None,
         });
         self.send_line("$H\n", Purpose::Home);
         self.flush();
@@ -228,14 +244,9 @@ impl GrblDrive {
     pub(crate) fn begin_clearing(&mut self) {
         match self.phase {
             Phase::Closed { .. } => self.fault = None,
-            Phase::Misfit => {
+            Phase::Misfit { .. } => {
                 self.fault = None;
-                self.facts = crate::grbl::facts::GrblFacts {
-                    name: std::mem::take(&mut self.facts.name),
-                    axes: self.facts.axes,
-                    ..Default::default()
-                };
-                self.begin_asking();
+                self.ask_anew();
             }
             Phase::Greeting { .. } | Phase::Asking { .. } => {
                 self.fault = None;

@@ -15,6 +15,8 @@ const BOOT_S: f64 = 2.5;
 const ABSENT_S: f64 = 5.0;
 /// An answer to a question takes this long at most, s.
 const ANSWER_S: f64 = 1.5;
+/// A controller that did not fit the rig is asked again after this, s: its settings may have been changed, or what it said was damaged.
+const MISFIT_S: f64 = 2.0;
 /// A question is repeated this often.
 const TRIES: u32 = 4;
 
@@ -280,16 +282,35 @@ impl GrblDrive {
             Err(_) if self.misfits < TRIES => {
                 // A damaged answer looks like another controller: only what it says again and again counts.
                 self.misfits += 1;
-                self.facts.settings.clear();
-                self.facts.letters = None;
-                self.begin_asking();
+                self.ask_anew();
             }
             Err(findings) => {
-                self.phase = Phase::Misfit;
+                self.phase = Phase::Misfit {
+                    since_s: self.now_s,
+                };
                 self.fit = None;
                 self.set_down(findings.join("; "));
                 self.findings = findings;
             }
+        }
+    }
+
+    /// Ask everything once more, and forget what was said.
+    pub(crate) fn ask_anew(&mut self) {
+        self.facts = GrblFacts {
+            name: std::mem::take(&mut self.facts.name),
+            axes: self.facts.axes,
+            ..GrblFacts::default()
+        };
+        self.begin_asking();
+    }
+
+    /// It does not fit the rig, and is asked again every so often: what it said may have been damaged, however often.
+    pub(crate) fn doubt_misfit(&mut self) {
+        if let Phase::Misfit { since_s } = self.phase
+            && self.now_s - since_s > MISFIT_S
+        {
+            self.ask_anew();
         }
     }
 

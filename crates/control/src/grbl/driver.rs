@@ -14,7 +14,7 @@
 //!    └───────────────────────────── the port is gone ──────────────────────────────────────┘
 //! ```
 //!
-//! In `Running` the axes are unhomed until homing is done, and at fault from an alarm until a person clears it.
+//! In `Misfit` it is asked again every two seconds. In `Running` the axes are unhomed until homing is done, and at fault from an alarm until a person clears it.
 
 use std::collections::VecDeque;
 
@@ -46,7 +46,7 @@ pub(crate) enum Phase {
     Greeting { since_s: f64, reset: bool },
     Asking { ask: Ask, since_s: f64, tries: u32 },
     Running,
-    Misfit,
+    Misfit { since_s: f64 },
 }
 
 /// A released alarm on its way.
@@ -64,6 +64,8 @@ pub(crate) struct Homing {
     pub(crate) since_s: f64,
     /// `$H` was answered; the next report tells where the axes are.
     pub(crate) done: bool,
+    /// Since when its reports say that it stands, although it was not answered, s.
+    pub(crate) stands_s: Option<f64>,
 }
 
 /// The newest status report.
@@ -364,7 +366,11 @@ impl Drive for GrblDrive {
             Phase::Closed { .. } => return,
             Phase::Greeting { .. } => self.greet(),
             Phase::Asking { .. } => self.ask(),
-            Phase::Running | Phase::Misfit => self.run(),
+            Phase::Running => self.run(),
+            Phase::Misfit { .. } => {
+                self.run();
+                self.doubt_misfit();
+            }
         }
         self.ask_status();
         self.flush();

@@ -14,6 +14,12 @@ use crate::window::STEP_M;
 /// How far a chest bobs up and down in walking, metres.
 const BOB_M: f64 = 0.03;
 
+/// An outline whose shoulders and sides are clearer than this shows a chest: a chest's are about 1, those of a face or a wall about 0.
+const CHEST_SEEN: f64 = 0.5;
+
+/// Where a chest is looked for, metres below where it was thought to be; each look covers a third of a metre up and down.
+const CHEST_SOUGHT_M: [f64; 4] = [0.0, 0.3, 0.6, -0.3];
+
 /// How far an outline's answer of this clearness is believed, 0 to 1.
 fn trust(clear: f64) -> f64 {
     ((clear - 0.15) / 0.35).clamp(0.0, 1.0)
@@ -141,6 +147,47 @@ impl Follower {
         (dx.clamp(-limit, limit), dy.clamp(-limit, limit))
     }
 
+    /// What moves may reach beyond the person (up to lamps, while the head turns), and then the chest is not where it should be below its top. Where no chest is seen about the anchor it is looked for above and below it.
+    pub(super) fn look_for_chest(&mut self, seen: &Observation, mover: &mut Mover) {
+        let lens = seen.left.lens();
+        let facet = Facet::facing(&lens, &mover.ray, mover.distance_m, &Vector3::y());
+        let ray = |(x_m, y_m)| (facet.at(x_m, y_m) - lens).normalize();
+        let mut best = CHEST_SEEN;
+        for lower_m in CHEST_SOUGHT_M {
+            let Some(guess) = self.outline_about(seen, ray((0.0, lower_m)), mover.distance_m)
+            else {
+                return;
+            };
+            // What has an edge like shoulders' must have a torso below it, too.
+            let at = (guess.middle_m, lower_m + guess.chest_m);
+            let clear = self
+                .outline_about(seen, ray(at), mover.distance_m)
+                .map_or(0.0, |o| o.chest_clear.min(o.middle_clear));
+            if lower_m == 0.0 && clear > CHEST_SEEN {
+                return;
+            }
+            if clear > best
+                && let Some(anchor) = seen.left.project(&facet.at(at.0, at.1))
+            {
+                best = clear;
+                mover.anchor_px = anchor;
+                mover.ray = ray(at);
+            }
+        }
+    }
+
+    fn outline_about(
+        &mut self,
+        seen: &Observation,
+        ray: Vector3<f64>,
+        distance_m: f64,
+    ) -> Option<Outline> {
+        let full = f64::from(1_u32 << self.motion.level());
+        let map = self.motion.map().map(|m| (m, full));
+        let patch = torso_patch(ray, distance_m, 0.0, 1.0);
+        self.outlines.find(seen, &patch, distance_m, map)
+    }
+
     /// What moves is the chest only roughly (an arm ahead, what was uncovered behind); the outline says better.
     pub(super) fn centre_on_outline(
         &mut self,
@@ -149,11 +196,8 @@ impl Follower {
         distance_m: f64,
     ) {
         let lens = seen.left.lens();
-        let full = f64::from(1_u32 << self.motion.level());
         for _ in 0..2 {
-            let patch = torso_patch(mover.ray, distance_m, 0.0, 1.0);
-            let map = self.motion.map().map(|m| (m, full));
-            let Some(outline) = self.outlines.find(seen, &patch, distance_m, map) else {
+            let Some(outline) = self.outline_about(seen, mover.ray, distance_m) else {
                 return;
             };
             let dx = if outline.middle_clear > 0.2 {
