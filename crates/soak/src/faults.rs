@@ -68,6 +68,40 @@ pub(crate) enum Fault {
     DiskSlow,
 }
 
+impl Fault {
+    /// Whether it is one of the controller or of its line, after which axes may have lost their zeros.
+    pub(crate) fn may_take_zeros(self) -> bool {
+        match self {
+            Fault::NanReading(_)
+            | Fault::AnswersLate
+            | Fault::Garbled
+            | Fault::Split
+            | Fault::BytesLost
+            | Fault::GarbledOut
+            | Fault::ErrorAnswer
+            | Fault::Alarm
+            | Fault::BrownOut
+            | Fault::Stuck(_)
+            | Fault::LostHome
+            | Fault::PortGone => true,
+            Fault::FramesLost(_)
+            | Fault::FramesLate
+            | Fault::Frozen(_)
+            | Fault::Swapped
+            | Fault::Torn(_)
+            | Fault::Dark
+            | Fault::CameraGone(_)
+            | Fault::Doubled
+            | Fault::BadStamps(_)
+            | Fault::TargetLost
+            | Fault::ClockJump(_)
+            | Fault::LoopStall
+            | Fault::DiskFull
+            | Fault::DiskSlow => false,
+        }
+    }
+}
+
 /// A fault and its time.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Planted {

@@ -107,10 +107,11 @@ fn soak(asked: &Asked) -> anyhow::Result<bool> {
         println!("  again: cargo xtask soak --seed {} --trace", verdict.seed);
     }
     let violations: u64 = verdicts.iter().map(|v| v.count).sum();
+    let unjudged: u64 = verdicts.iter().map(|v| v.unjudged).sum();
     let simulated_s = asked.seconds * asked.seeds as f64;
     let moving = verdicts.iter().map(|v| v.moving).sum::<f64>() / verdicts.len().max(1) as f64;
     println!(
-        "{} seeds, {violations} violations, {simulated_s:.0} s simulated in {wall_s:.1} s ({:.1} times real time), axes allowed to move {:.0} % of it",
+        "{} seeds, {violations} violations, {simulated_s:.0} s simulated in {wall_s:.1} s ({:.1} times real time), axes allowed to move {:.0} % of it, {unjudged} groups of faults not judged",
         asked.seeds,
         simulated_s / wall_s.max(1e-9),
         100.0 * moving,

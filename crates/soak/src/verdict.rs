@@ -35,6 +35,8 @@ pub struct Verdict {
     pub violations: Vec<String>,
     /// How many there were in all.
     pub count: u64,
+    /// Groups of faults after which the next ones began while a person's part was still waited for, so that nothing is known of them.
+    pub unjudged: u64,
     /// Share of the time in which the axes were allowed to move.
     pub moving: f64,
     /// Depends on every step: where the target was seen and what the rig did.
@@ -50,6 +52,8 @@ struct Group {
     over_s: f64,
     /// When the next ones begin, or the run ends, s.
     next_s: f64,
+    /// Whether axes may have lost their zeros, by one of these faults or one before.
+    zeros: bool,
 }
 
 /// The groups in order of time: pauses between them are longer than what is wanted for coming back.
@@ -62,15 +66,19 @@ fn groups(faults: &[Planted], end_s: f64) -> VecDeque<Group> {
             Some(group) if fault.from_s < group.planted_over_s + 2.0 * BACK_WITHIN_S => {
                 group.planted_over_s = group.planted_over_s.max(fault.until_s);
                 group.over_s = group.planted_over_s;
+                group.zeros |= fault.fault.may_take_zeros();
             }
             last => {
+                let mut zeros = fault.fault.may_take_zeros();
                 if let Some(group) = last {
                     group.next_s = fault.from_s;
+                    zeros |= group.zeros;
                 }
                 groups.push_back(Group {
                     planted_over_s: fault.until_s,
                     over_s: fault.until_s,
                     next_s: end_s,
+                    zeros,
                 });
             }
         }
@@ -90,6 +98,7 @@ impl Verdict {
             seed,
             violations: vec!["the run panicked; what it said stands above".to_owned()],
             count: 1,
+            unjudged: 0,
             moving: 0.0,
             fingerprint: 0,
         }
@@ -104,6 +113,7 @@ pub(crate) struct Watcher {
     count: u64,
     /// Groups of faults that are not judged yet, the next one first.
     groups: VecDeque<Group>,
+    unjudged: u64,
     moving: u64,
     steps: u64,
     state: RigState,
@@ -128,6 +138,7 @@ impl Watcher {
             violations: Vec::new(),
             count: 0,
             groups: groups(faults, plan.seconds),
+            unjudged: 0,
             moving: 0,
             steps: 0,
             state: RigState::Starting,
@@ -247,8 +258,11 @@ impl Watcher {
         self.moving += u64::from(state.may_move());
         let waits_for_a_person = match state {
             RigState::Fault | RigState::Homing => true,
-            // Cleared by a person while the port was still gone: it could not be homed then, and nothing moves before it is.
-            RigState::Holding | RigState::Starting => unhomed,
+            // Cleared by a person while the port was still gone: it could not be homed then, and nothing moves before it is. What happens to
+            // cameras, clocks and disks takes no zeros.
+            RigState::Holding | RigState::Starting => {
+                unhomed && self.groups.front().is_some_and(|group| group.zeros)
+            }
             _ => false,
         };
         self.judge(world_s, waits_for_a_person, pointing);
@@ -270,6 +284,7 @@ impl Watcher {
         let over_s = group.over_s;
         if (followed && world_s >= over_s) || world_s >= group.next_s {
             // Followed, or the next faults began before it could be told.
+            self.unjudged += u64::from(!followed);
             self.groups.pop_front();
         } else if world_s > over_s + BACK_WITHIN_S {
             self.groups.pop_front();
@@ -286,6 +301,7 @@ impl Watcher {
             seed: self.seed,
             violations: self.violations,
             count: self.count,
+            unjudged: self.unjudged,
             moving: self.moving as f64 / self.steps.max(1) as f64,
             fingerprint: self.fingerprint,
         }
@@ -303,28 +319,28 @@ mod tests {
     use super::*;
     use crate::faults::Fault;
 
-    fn watcher() -> Watcher {
+    fn watcher(fault: Fault) -> Watcher {
         let plan = Plan {
             seed: 1,
             seconds: 60.0,
             bug: None,
             trace: false,
         };
-        let gone = Planted {
-            fault: Fault::PortGone,
+        let planted = Planted {
+            fault,
             from_s: 10.0,
             until_s: 12.0,
         };
-        Watcher::new(&plan, &[gone])
+        Watcher::new(&plan, &[planted])
     }
 
     /// A rig that holds has two seconds to follow again; one that holds without zeros waits for a person, but not for ever, and has its two
-    /// seconds once it is homed.
+    /// seconds once it is homed. After what takes no zeros, a rig without them waits for nobody. Where the run ends first, nothing is known.
     #[test]
     fn only_a_person_gives_zeros() {
-        let told = |homed_s: f64, followed_s: f64| {
-            let mut watcher = watcher();
-            for i in 0..10_000 {
+        let told_of = |fault: Fault, end_s: f64, homed_s: f64, followed_s: f64| {
+            let mut watcher = watcher(fault);
+            for i in 0..(200.0 * end_s) as u32 {
                 let world_s = f64::from(i) * 0.005;
                 let state = match world_s {
                     t if t < homed_s => RigState::Holding,
@@ -333,12 +349,16 @@ mod tests {
                 };
                 watcher.rig(world_s, state, world_s < homed_s, Some(0.0));
             }
-            watcher.verdict().count
+            let verdict = watcher.verdict();
+            (verdict.count, verdict.unjudged)
         };
+        let told = |homed_s, followed_s| told_of(Fault::PortGone, 50.0, homed_s, followed_s).0;
         assert_eq!(told(0.0, 13.9), 0);
         assert_eq!(told(0.0, 14.1), 1);
         assert_eq!(told(20.0, 21.9), 0);
         assert_eq!(told(20.0, 22.1), 1);
         assert_eq!(told(40.0, 40.1), 1);
+        assert_eq!(told_of(Fault::Dark, 50.0, 20.0, 21.9), (1, 0));
+        assert_eq!(told_of(Fault::PortGone, 61.0, 90.0, 91.0), (1, 0));
     }
 }
