@@ -128,7 +128,7 @@ pub struct Controller {
     seen_at: Option<[f64; 2]>,
     /// Pan and tilt around which it was surely in sight for the last while, rad.
     usual_at: Option<[f64; 2]>,
-    /// For how long it was, at most [`USUAL_S`], s.
+    /// For how long it was, at most `looking_back::USUAL_S`, s.
     usual_s: f64,
     /// Time of the last step in which the target was in sight, s.
     noted_s: f64,
