@@ -3,6 +3,7 @@
 
 mod bench;
 mod gate;
+mod program;
 mod quality;
 mod recording;
 mod seeds;

@@ -9,6 +9,8 @@ use std::process::Command;
 use anyhow::{Context as _, ensure};
 use serde_json::Value;
 
+use crate::program;
+
 /// Length of a run.
 const SECONDS: &str = "8s";
 
@@ -46,7 +48,8 @@ pub(crate) fn run(times: Option<&str>) -> anyhow::Result<()> {
         (1..=100).contains(&times),
         "from 1 to 100 runs of each kind"
     );
-    let program = built()?;
+    // The profile with the release's speed without its linking time.
+    let program = program::built("quick")?;
     let folder = std::env::temp_dir().join(format!("vergence-recording-{}", std::process::id()));
     println!(
         "1024x768, 30 pairs/s, {SECONDS} a run, JPEG, {} cores; capture to setpoint in ms",
@@ -70,29 +73,6 @@ pub(crate) fn run(times: Option<&str>) -> anyhow::Result<()> {
     }
     std::fs::remove_dir_all(&folder).ok();
     judge(&runs)
-}
-
-/// The optimised build of the program, without the release's linking time.
-fn built() -> anyhow::Result<std::path::PathBuf> {
-    let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
-    let status = Command::new(cargo)
-        .args([
-            "build",
-            "--quiet",
-            "--profile",
-            "quick",
-            "--package",
-            "vergence",
-        ])
-        .status()
-        .context("cargo could not be started")?;
-    ensure!(status.success(), "the program does not build");
-    let own = std::env::current_exe()?;
-    // xtask lies in <target>/<profile>.
-    let target = own.ancestors().nth(2).context("no target folder")?;
-    Ok(target
-        .join("quick")
-        .join(format!("vergence{}", std::env::consts::EXE_SUFFIX)))
 }
 
 fn measured(program: &Path, folder: &Path, with: bool) -> anyhow::Result<Figures> {

@@ -6,6 +6,8 @@ use std::process::Command;
 use anyhow::{Context, ensure};
 use serde_json::Value;
 
+use crate::program;
+
 /// Paths with the largest vergence error RMS that is wanted, px.
 const PATHS: [(&str, f64); 6] = [
     ("walk", 1.0),
@@ -29,7 +31,7 @@ pub(crate) fn run(from: &str, to: &str, only: &[&str]) -> anyhow::Result<()> {
             "no path {name}: there are walk, stop-and-go, zigzag, cross, occlude, two"
         );
     }
-    let program = built()?;
+    let program = program::built("release")?;
     let folder = std::env::temp_dir().join(format!("vergence-seeds-{}", std::process::id()));
     println!(
         "seeds {from} to {to}; each cell is the range over the seeds, from one second after the target was found"
@@ -56,22 +58,6 @@ pub(crate) fn run(from: &str, to: &str, only: &[&str]) -> anyhow::Result<()> {
     }
     std::fs::remove_dir_all(&folder).ok();
     Ok(())
-}
-
-/// The release build of the program.
-fn built() -> anyhow::Result<std::path::PathBuf> {
-    let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
-    let status = Command::new(cargo)
-        .args(["build", "--release", "--package", "vergence"])
-        .status()
-        .context("cargo could not be started")?;
-    ensure!(status.success(), "the program does not build");
-    let own = std::env::current_exe()?;
-    // xtask lies in <target>/debug.
-    let target = own.ancestors().nth(2).context("no target folder")?;
-    Ok(target
-        .join("release")
-        .join(format!("vergence{}", std::env::consts::EXE_SUFFIX)))
 }
 
 fn summary(program: &Path, path: &str, seed: u64, folder: &Path) -> anyhow::Result<Value> {

@@ -81,7 +81,7 @@ pub enum LiveRig<'a> {
     /// Motors move the cameras; these are their lenses.
     Moving(&'a [Camera; 2]),
     /// Nothing is known yet: cameras that are to be calibrated. Video devices are asked for pictures of this width and height; whatever size
-    /// both streams have will do. [`SourceInfo::cameras`] are then pinholes as wide as high, which stand for nothing.
+    /// both streams have will do. [`SourceInfo::cameras`] are then pinholes as long as the picture is wide, which stand for nothing.
     Unknown {
         /// Width and height, px.
         size: (usize, usize),
@@ -98,18 +98,10 @@ impl LiveRig<'_> {
     }
 }
 
-/// A pinhole that stands for a lens of which nothing is known.
+/// A pinhole that stands for a lens of which nothing is known, as long as its sensor is wide.
 fn unknown((width, height): (usize, usize)) -> Camera {
-    let focal = width as f64;
     Camera {
-        intrinsics: Intrinsics {
-            width,
-            height,
-            fx: focal,
-            fy: focal,
-            cx: (width as f64 - 1.0) / 2.0,
-            cy: (height as f64 - 1.0) / 2.0,
-        },
+        intrinsics: Intrinsics::from_sensor(1.0, 1.0, width, height),
         distortion: Distortion::NONE,
     }
 }

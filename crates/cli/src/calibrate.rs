@@ -8,6 +8,7 @@ mod live;
 mod look;
 mod motors;
 mod report;
+mod table;
 mod times;
 mod twin;
 

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use vergence_track::filter::{
     FilterError, FilterSettings, Observation, Sight, TargetEstimate, TargetFilter, Update, Verdict,
 };
-use vergence_track::{Sighting, SightingKind};
+use vergence_track::{Sighting, SightingKind, was_blind};
 
 use crate::claims::Claims;
 use crate::expect::Expectation;
@@ -12,12 +12,6 @@ use crate::expect::Expectation;
 /// A target whose distance was last measured longer ago than this was out of sight, s: a few frames. What is followed without
 /// a distance for longer may be a patch of the wall. Of slow sources the last pair counts, whenever it was.
 const IN_SIGHT_S: f64 = 0.1;
-
-/// After a pause longer than this, s, and than [`BLIND_PERIODS`] of the source, nothing is a moment ago: it was blind, not slow.
-const BLIND_S: f64 = 0.7;
-
-/// See [`BLIND_S`].
-const BLIND_PERIODS: f64 = 3.0;
 
 /// How far from where it was expected a target may be seen, m: along the line of sight, where false matches between the eyes
 /// lie, and across it, where the pictures say well enough who it is ...
@@ -82,8 +76,8 @@ impl Target {
     /// Whether its distance was measured a moment ago.
     fn is_in_sight(&self) -> bool {
         let [now_s, before_s, earlier_s] = self.pairs_s;
-        let pause_s = now_s - before_s;
-        let blind = pause_s > BLIND_S && pause_s > BLIND_PERIODS * (before_s - earlier_s);
+        // After a blind pause nothing is a moment ago.
+        let blind = was_blind(now_s - before_s, before_s - earlier_s);
         !blind && self.sighted_s >= before_s.min(now_s - IN_SIGHT_S)
     }
 

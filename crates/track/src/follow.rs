@@ -42,11 +42,17 @@ use crate::view::{
 };
 use crate::window::STEP_M;
 
-/// After a pause longer than this, s, and than [`BLIND_PERIODS`] of the source, the target has to be looked for anew: it was hidden meanwhile.
+/// A source that gave nothing for longer than this, s, and than [`BLIND_PERIODS`] of its periods was blind ...
 const BLIND_S: f64 = 0.7;
 
-/// See [`BLIND_S`].
+/// ... and not just slow.
 const BLIND_PERIODS: f64 = 3.0;
+
+/// Whether a source of pictures was blind for a while, so that what was followed was hidden meanwhile and has to be looked for anew: `pause_s` is the
+/// time between its last two pictures, s, and `before_s` that between the two before, its period.
+pub fn was_blind(pause_s: f64, before_s: f64) -> bool {
+    pause_s > BLIND_S && pause_s > BLIND_PERIODS * before_s
+}
 
 /// What may be chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -235,7 +241,7 @@ impl Follower {
         }
         let pause_s = seen.time_s - self.last_time_s;
         let dt = pause_s.clamp(0.0, 1.0);
-        let blind = pause_s > BLIND_S && pause_s > BLIND_PERIODS * self.last_pause_s;
+        let blind = was_blind(pause_s, self.last_pause_s);
         self.last_time_s = seen.time_s;
         self.last_pause_s = pause_s;
         if blind && self.state == FollowState::Tracking {

@@ -22,7 +22,7 @@ pub mod view;
 mod window;
 
 pub use error::TrackError;
-pub use follow::{FollowSettings, Follower, check_box};
+pub use follow::{FollowSettings, Follower, check_box, was_blind};
 pub use movers::Posture;
 pub use two_view::{TwoViewReport, TwoViewSettings, TwoViewSighting, TwoViewTracker, TwoViews};
 pub use view::{

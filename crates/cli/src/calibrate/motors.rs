@@ -6,6 +6,7 @@ use std::path::Path;
 use vergence_calib::solve::{AXES, AXIS_NAMES, MotorState};
 
 use super::lists::View;
+use super::table::Table;
 use crate::fault::{self, Fault};
 use crate::output;
 
@@ -55,14 +56,8 @@ impl Log {
     }
 
     fn parse(text: &str) -> Result<Self, String> {
-        let mut lines = text
-            .lines()
-            .enumerate()
-            .map(|(i, line)| (i + 1, line.trim()))
-            .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
-        let (_, head) = lines.next().ok_or("it is empty")?;
-        let columns: Vec<&str> = head.split(',').map(str::trim).collect();
-        let column = |name: &str| columns.iter().position(|c| *c == name);
+        let table = Table::parse(text)?;
+        let column = |name: &str| table.column(name);
         let needed = |name: &str| {
             column(name).ok_or_else(|| {
                 format!(
@@ -80,24 +75,8 @@ impl Log {
         }
         let mut places: BTreeMap<String, usize> = BTreeMap::new();
         let mut rows = [BTreeMap::new(), BTreeMap::new()];
-        for (number, line) in lines {
-            let cells: Vec<&str> = line.split(',').map(str::trim).collect();
-            if cells.len() != columns.len() {
-                return Err(format!(
-                    "line {number} has {} values, its head {}",
-                    cells.len(),
-                    columns.len()
-                ));
-            }
-            let number_at = |at: usize| {
-                let value: f64 = cells[at].parse().unwrap_or(f64::NAN);
-                value.is_finite().then_some(value).ok_or_else(|| {
-                    format!(
-                        "line {number}, column {}: \"{}\" is no number",
-                        columns[at], cells[at]
-                    )
-                })
-            };
+        for row in table.rows() {
+            let number_at = |at: usize| table.number(row, at);
             let mut state = MotorState::default();
             for i in 0..AXES {
                 state.steps[i] = number_at(steps[i])?;
@@ -106,12 +85,13 @@ impl Log {
                 }
             }
             let next = places.len();
-            let placement = *places.entry(cells[place].to_owned()).or_insert(next);
+            let placement = *places.entry(row.text(place).to_owned()).or_insert(next);
             for (rows, at) in rows.iter_mut().zip(files) {
-                let name = file_name(Path::new(cells[at]));
+                let name = file_name(Path::new(row.text(at)));
                 if rows.insert(name.clone(), (placement, state)).is_some() {
                     return Err(format!(
-                        "line {number} names {name}, which another row names"
+                        "line {} names {name}, which another row names",
+                        row.line
                     ));
                 }
             }

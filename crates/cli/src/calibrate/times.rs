@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::lists::View;
+use super::table::Table;
 use crate::fault::{self, Fault};
 use crate::output;
 
@@ -28,44 +29,24 @@ pub(super) fn read(path: &Path, names: &[String], views: &[View]) -> Result<Vec<
 
 /// Rows of the table: a time for each camera.
 fn parse(text: &str, names: &[String]) -> Result<Vec<Vec<f64>>, String> {
-    let mut lines = (text.lines().enumerate())
-        .map(|(i, line)| (i + 1, line.trim()))
-        .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
-    let (_, head) = lines.next().ok_or("it is empty")?;
-    let head: Vec<&str> = head.split(',').map(str::trim).collect();
+    let table = Table::parse(text)?;
     let column = |name: &String| {
         let wanted = format!("time_{name}_s");
-        let at = head.iter().position(|c| *c == wanted);
+        let at = table.column(&wanted);
         at.ok_or_else(|| format!("it has no column {wanted}"))
     };
     let columns: Vec<usize> = names.iter().map(column).collect::<Result<_, _>>()?;
     let mut rows: Vec<Vec<f64>> = Vec::new();
-    for (number, line) in lines {
-        let cells: Vec<&str> = line.split(',').map(str::trim).collect();
-        if cells.len() != head.len() {
+    for row in table.rows() {
+        let times = columns.iter().map(|at| table.number(row, *at));
+        let times: Vec<f64> = times.collect::<Result<_, _>>()?;
+        if rows.last().is_some_and(|last| times[0] <= last[0]) {
             return Err(format!(
-                "line {number} has {} values, its head {}",
-                cells.len(),
-                head.len()
+                "line {}: its time {} is not after the one before",
+                row.line, times[0]
             ));
         }
-        let time = |at: &usize| {
-            let value: f64 = cells[*at].parse().unwrap_or(f64::NAN);
-            value.is_finite().then_some(value).ok_or_else(|| {
-                format!(
-                    "line {number}, column {}: \"{}\" is no number of seconds",
-                    head[*at], cells[*at]
-                )
-            })
-        };
-        let row: Vec<f64> = columns.iter().map(time).collect::<Result<_, _>>()?;
-        if rows.last().is_some_and(|last| row[0] <= last[0]) {
-            return Err(format!(
-                "line {number}: its time {} is not after the one before",
-                row[0]
-            ));
-        }
-        rows.push(row);
+        rows.push(times);
     }
     Ok(rows)
 }
