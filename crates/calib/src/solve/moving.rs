@@ -175,6 +175,16 @@ impl Moving {
         }
         change
     }
+
+    /// Where the board had moved to when a shot was exposed; `None` where it is taken to stand still.
+    pub(crate) fn moved(&self, shot: &Shot) -> Option<Moved> {
+        let way = self.places.get(shot.placement)?.as_ref()?;
+        let later_s = shot.time_s? - way.time_s + self.delays.get(shot.camera)?;
+        Some(Moved {
+            motion: way.after(later_s),
+            by_delay: way.twist(later_s),
+        })
+    }
 }
 
 /// Velocity at the outer end of a span, by the span beside it.
@@ -187,18 +197,6 @@ fn mean_rates(from: &Isometry3<f64>, to: &Isometry3<f64>, span_s: f64) -> Vector
     let w = (to.rotation * from.rotation.inverse()).scaled_axis();
     let shift = to.translation.vector - from.translation.vector;
     Vector6::new(w.x, w.y, w.z, shift.x, shift.y, shift.z) / span_s
-}
-
-impl Moving {
-    /// Where the board had moved to when a shot was exposed; `None` where it is taken to stand still.
-    pub(crate) fn moved(&self, shot: &Shot) -> Option<Moved> {
-        let way = self.places.get(shot.placement)?.as_ref()?;
-        let later_s = shot.time_s? - way.time_s + self.delays.get(shot.camera)?;
-        Some(Moved {
-            motion: way.after(later_s),
-            by_delay: way.twist(later_s),
-        })
-    }
 }
 
 impl State {
