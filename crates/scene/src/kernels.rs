@@ -1,11 +1,16 @@
 //! Where many rays meet the world, in single precision and in step: plain loops over slices that vectorise.
 //!
+//! Slices are cut to one length in the kernel itself, each by its own expression: after `map` over an array of them the compiler does not know their
+//! lengths any more, keeps checks in the loop, and leaves the last vector to single steps. Kernels that are called for a few rays at a time take
+//! slices as arguments of their own, which never overlap.
+//!
 //! A ray is given by its undistorted position (nx, ny) on the camera's plane z = 1, so the ray parameter t is the
 //! depth along the optical axis. [`crate::reference`] is the plain form of all of this.
 
-use std::ops::Range;
-
 use multiversion::multiversion;
+
+/// Rays are filled up to a multiple of this, the widest vector of f32.
+pub(crate) const LANES: usize = 16;
 
 /// Rays in step. Slices of one length.
 pub(crate) struct Rays<'a> {
@@ -24,32 +29,71 @@ pub(crate) struct Hits<'a> {
     pub(crate) id: &'a mut [u32],
 }
 
-impl Rays<'_> {
-    /// Some of them.
-    pub(crate) fn part(&self, rays: &Range<usize>) -> Rays<'_> {
-        Rays {
-            nx: &self.nx[rays.clone()],
-            ny: &self.ny[rays.clone()],
+/// Bounds of every [`LANES`] rays: ranges of nx and ny.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Bounds {
+    pub(crate) x: [Vec<f32>; 2],
+    pub(crate) y: [Vec<f32>; 2],
+}
+
+impl Bounds {
+    /// Bounds of these rays, a little wider than they are: rounding must not part a ray from what it touches.
+    pub(crate) fn set(&mut self, nx: &[f32], ny: &[f32]) {
+        for (n, bounds) in [(nx, &mut self.x), (ny, &mut self.y)] {
+            let count = n.len() / LANES;
+            bounds.iter_mut().for_each(|b| b.resize(count, 0.0));
+            let [lo, hi] = bounds;
+            ranges(n, lo, hi);
         }
+    }
+
+    /// Which of them may meet what lies within a range of x and one of y, one byte each.
+    pub(crate) fn meeting(&self, [x, y]: [[f32; 2]; 2], meets: &mut Vec<u8>) {
+        meets.resize(self.x[0].len(), 0);
+        overlaps(&self.x, &self.y, x, y, meets);
     }
 }
 
-impl Directions<'_> {
-    /// Those of some rays.
-    pub(crate) fn part(&self, rays: &Range<usize>) -> Directions<'_> {
-        Directions {
-            inverse: self.inverse.map(|v| &v[rays.clone()]),
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl", "x86_64+avx2"))]
+fn ranges(n: &[f32], lo: &mut [f32], hi: &mut [f32]) {
+    /// Far below a pixel of any camera.
+    const SLACK: f32 = 1e-4;
+    for ((n, lo), hi) in n.as_chunks::<LANES>().0.iter().zip(lo).zip(hi) {
+        let (mut least, mut most) = (*n, *n);
+        let mut half = LANES / 2;
+        while half > 0 {
+            for i in 0..half {
+                least[i] = if least[i + half] < least[i] {
+                    least[i + half]
+                } else {
+                    least[i]
+                };
+                most[i] = if most[i + half] > most[i] {
+                    most[i + half]
+                } else {
+                    most[i]
+                };
+            }
+            half /= 2;
         }
+        (*lo, *hi) = (least[0] - SLACK, most[0] + SLACK);
     }
 }
 
-impl Hits<'_> {
-    /// Those of some rays.
-    pub(crate) fn part(&mut self, rays: Range<usize>) -> Hits<'_> {
-        Hits {
-            t: &mut self.t[rays.clone()],
-            id: &mut self.id[rays],
-        }
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl", "x86_64+avx2"))]
+fn overlaps(
+    x: &[Vec<f32>; 2],
+    y: &[Vec<f32>; 2],
+    within_x: [f32; 2],
+    within_y: [f32; 2],
+    meets: &mut [u8],
+) {
+    let n = meets.len();
+    let (x0, x1, y0, y1) = (&x[0][..n], &x[1][..n], &y[0][..n], &y[1][..n]);
+    for i in 0..n {
+        let across = (x0[i] <= within_x[1]) & (within_x[0] <= x1[i]);
+        let down = (y0[i] <= within_y[1]) & (within_y[0] <= y1[i]);
+        meets[i] = u8::from(across & down);
     }
 }
 
@@ -119,7 +163,8 @@ pub(crate) fn directions(rays: &Rays, rotation: &[[f32; 3]; 3], inverse: [&mut [
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl", "x86_64+avx2"))]
 pub(crate) fn room_exit(dirs: &Directions, lo: &[f32; 3], hi: &[f32; 3], hits: &mut Hits) {
     let n = hits.t.len();
-    let [ix, iy, iz] = dirs.inverse.map(|s| &s[..n]);
+    let [ix, iy, iz] = dirs.inverse;
+    let (ix, iy, iz) = (&ix[..n], &iy[..n], &iz[..n]);
     let (t, id) = (&mut hits.t[..n], &mut hits.id[..n]);
     for i in 0..n {
         let tx = (if ix[i] > 0.0 { hi[0] } else { lo[0] }) * ix[i];
@@ -139,10 +184,11 @@ pub(crate) fn room_exit(dirs: &Directions, lo: &[f32; 3], hi: &[f32; 3], hits: &
 
 /// Where rays enter a box, if nearer than what they met so far.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl", "x86_64+avx2"))]
-pub(crate) fn cuboid(dirs: &Directions, c: &SeenCuboid, hits: &mut Hits) {
-    let n = hits.t.len();
-    let [ix, iy, iz] = dirs.inverse.map(|s| &s[..n]);
-    let (t, id) = (&mut hits.t[..n], &mut hits.id[..n]);
+pub(crate) fn cuboid(inverse: [&[f32]; 3], c: &SeenCuboid, t: &mut [f32], id: &mut [u32]) {
+    let n = t.len();
+    let [ix, iy, iz] = inverse;
+    let (ix, iy, iz) = (&ix[..n], &iy[..n], &iz[..n]);
+    let id = &mut id[..n];
     for i in 0..n {
         let (px, py, pz) = (ix[i] > 0.0, iy[i] > 0.0, iz[i] > 0.0);
         let near_x = (if px { c.lo[0] } else { c.hi[0] }) * ix[i];
@@ -168,11 +214,10 @@ pub(crate) fn cuboid(dirs: &Directions, c: &SeenCuboid, hits: &mut Hits) {
 
 /// Where rays enter a solid, if nearer than what they met so far.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl", "x86_64+avx2"))]
-pub(crate) fn solid(rays: &Rays, s: &SeenSolid, hits: &mut Hits) {
+pub(crate) fn solid(nx: &[f32], ny: &[f32], s: &SeenSolid, t: &mut [f32], id: &mut [u32]) {
     const NONE: f32 = 1e9;
-    let n = hits.t.len();
-    let (nx, ny) = (&rays.nx[..n], &rays.ny[..n]);
-    let (t, id) = (&mut hits.t[..n], &mut hits.id[..n]);
+    let n = t.len();
+    let (nx, ny, id) = (&nx[..n], &ny[..n], &mut id[..n]);
     let [r0, r1] = s.radii;
     let (d, o) = (&s.direction, &s.place);
     for i in 0..n {

@@ -5,7 +5,7 @@ mod smear;
 
 use std::ops::Range;
 
-use crate::kernels::{self, Directions, Hits, Rays, card_coordinates};
+use crate::kernels::{self, Bounds, Directions, Hits, LANES, Rays, card_coordinates};
 use crate::light::Lighting;
 use crate::material::Textures;
 use crate::reference::{FIRST_CARD, FIRST_CUBOID, FIRST_SOLID};
@@ -22,8 +22,6 @@ pub(crate) const AROUND: usize = MARGIN + 1;
 /// Most rays at once: a tile with its margin and one more pixel around it, filled up to whole vectors.
 const CAPACITY: usize =
     ((TILE[0] + 2 * AROUND) * (TILE[1] + 2 * AROUND)).next_multiple_of(LANES) + LANES;
-/// Groups are filled up to a multiple of this, the widest vector of f32.
-const LANES: usize = 16;
 
 /// Samples of a pixel on an edge between two surfaces.
 pub(crate) const EDGE_SAMPLES: usize = 8;
@@ -96,8 +94,16 @@ pub(crate) struct Surroundings<'a> {
     pub(crate) edge_samples: usize,
 }
 
-/// Neighbouring rays that met one surface.
+/// A surface that rays of a tile met.
 #[derive(Clone, Copy, Debug)]
+struct Group {
+    id: u32,
+    /// In how many runs.
+    runs: usize,
+}
+
+/// Neighbouring rays that met one surface.
+#[derive(Clone, Copy, Debug, Default)]
 struct Run {
     /// Which of the tile's surfaces.
     group: u16,
@@ -123,13 +129,19 @@ pub(crate) struct Workspace {
     edge: Vec<u32>,
     edge_list: Vec<u32>,
     packed: Packed,
-    groups: Vec<u32>,
+    groups: Vec<Group>,
+    /// Where in `groups` a surface stood last.
+    group_of: Vec<u16>,
     runs: Vec<Run>,
+    /// The same surface by surface, and where each surface's next one goes.
+    sorted: Vec<Run>,
+    next: Vec<usize>,
     cuboids: Vec<usize>,
     solids: Vec<usize>,
     cards: Vec<usize>,
-    /// Bounds of every [`LANES`] rays.
-    bounds: Vec<Rect>,
+    /// Bounds of every [`LANES`] rays, and which of them may meet the thing at hand.
+    bounds: Bounds,
+    meets: Vec<u8>,
     strangers: Vec<u16>,
     samples: [Vec<f32>; 3],
     /// What the tile's pixel centres see, and its colours there, while edges are smoothed.
@@ -155,11 +167,15 @@ impl Workspace {
             edge_list: Vec::with_capacity(CAPACITY),
             packed: Packed::new(CAPACITY),
             groups: Vec::new(),
+            group_of: Vec::new(),
             runs: Vec::new(),
+            sorted: Vec::new(),
+            next: Vec::new(),
             cuboids: Vec::new(),
             solids: Vec::new(),
             cards: Vec::new(),
-            bounds: Vec::new(),
+            bounds: Bounds::default(),
+            meets: Vec::new(),
             strangers: Vec::new(),
             samples: [room(), room(), room()],
             seen: vec![0; CAPACITY],
@@ -264,10 +280,7 @@ impl Workspace {
     /// First hits of the first n rays.
     fn trace(&mut self, n: usize, view: &View) {
         let n = pad(&mut self.nx, &mut self.ny, n);
-        self.bounds.clear();
-        let groups = self.nx[..n].as_chunks().0.iter();
-        self.bounds
-            .extend(groups.zip(self.ny[..n].as_chunks().0).map(bounds));
+        self.bounds.set(&self.nx[..n], &self.ny[..n]);
         let rays = Rays {
             nx: &self.nx[..n],
             ny: &self.ny[..n],
@@ -287,17 +300,30 @@ impl Workspace {
         kernels::room_exit(&directions, &view.room[0], &view.room[1], &mut hits);
         for &i in &self.cuboids {
             let (cuboid, rect) = &view.cuboids[i];
-            for rays in near(&self.bounds, rect) {
-                let directions = directions.part(&rays);
-                kernels::cuboid(&directions, cuboid, &mut hits.part(rays));
+            self.bounds.meeting([rect.x, rect.y], &mut self.meets);
+            let mut next = 0;
+            while let Some(part) = next_run(&self.meets, next) {
+                next = part.end / LANES;
+                let inverse = self.inverse.each_ref().map(|v| &v[part.clone()]);
+                let (t, id) = (&mut self.t[part.clone()], &mut self.id[part]);
+                kernels::cuboid(inverse, cuboid, t, id);
             }
         }
         for &i in &self.solids {
             let (solid, rect) = &view.solids[i];
-            for part in near(&self.bounds, rect) {
-                kernels::solid(&rays.part(&part), solid, &mut hits.part(part));
+            self.bounds.meeting([rect.x, rect.y], &mut self.meets);
+            let mut next = 0;
+            while let Some(part) = next_run(&self.meets, next) {
+                next = part.end / LANES;
+                let (nx, ny) = (&self.nx[part.clone()], &self.ny[part.clone()]);
+                let (t, id) = (&mut self.t[part.clone()], &mut self.id[part]);
+                kernels::solid(nx, ny, solid, t, id);
             }
         }
+        let mut hits = Hits {
+            t: &mut self.t[..n],
+            id: &mut self.id[..n],
+        };
         for &i in &self.cards {
             kernels::card(&rays, &view.cards[i].0, &mut hits);
         }
@@ -314,55 +340,80 @@ impl Workspace {
     ) {
         self.group(n);
         let groups = std::mem::take(&mut self.groups);
-        for (g, &id) in groups.iter().enumerate() {
-            let own = self.runs.iter().filter(|r| usize::from(r.group) == g);
+        let runs = std::mem::take(&mut self.sorted);
+        let mut first = 0;
+        for group in &groups {
+            let own = &runs[first..first + group.runs];
+            first += group.runs;
+            let p = &mut self.packed;
             let mut to = 0;
-            for run in own.clone() {
+            for run in own {
                 let (from, len) = (usize::from(run.from), usize::from(run.len));
-                let p = &mut self.packed;
                 copy(&self.nx[from..from + len], &mut p.nx[to..to + len]);
                 copy(&self.ny[from..from + len], &mut p.ny[to..to + len]);
                 copy(&self.t[from..from + len], &mut p.t[to..to + len]);
                 to += len;
             }
-            shade_packed(&mut self.packed, to, id, view, around, dense);
+            shade_packed(p, to, group.id, view, around, dense);
             if to == n {
-                std::mem::swap(out, &mut self.packed.rgb);
+                std::mem::swap(out, &mut p.rgb);
                 break;
             }
             let mut at = 0;
             for run in own {
                 let (from, len) = (usize::from(run.from), usize::from(run.len));
-                for (out, colours) in out.iter_mut().zip(&self.packed.rgb) {
+                for (out, colours) in out.iter_mut().zip(&p.rgb) {
                     copy(&colours[at..at + len], &mut out[from..from + len]);
                 }
                 at += len;
             }
         }
-        self.groups = groups;
+        (self.groups, self.sorted) = (groups, runs);
     }
 
-    /// Cuts the first n rays into runs that met one surface, and lists the surfaces.
+    /// Cuts the first n rays into runs that met one surface, and lists the surfaces and the runs of each, one after another.
     fn group(&mut self, n: usize) {
         self.groups.clear();
         self.runs.clear();
         let mut from = 0;
         for run in self.id[..n].chunk_by(|a, b| a == b) {
-            let id = run[0];
-            let group = self
-                .groups
-                .iter()
-                .position(|g| *g == id)
-                .unwrap_or_else(|| {
-                    self.groups.push(id);
+            let id = run[0] as usize;
+            if self.group_of.len() <= id {
+                self.group_of.resize(id + 1, u16::MAX);
+            }
+            // Of an earlier tile, if it does not name a group of this surface.
+            let known = usize::from(self.group_of[id]);
+            let group = match self.groups.get(known) {
+                Some(group) if group.id == run[0] => known,
+                _ => {
+                    self.groups.push(Group {
+                        id: run[0],
+                        runs: 0,
+                    });
                     self.groups.len() - 1
-                });
+                }
+            };
+            self.group_of[id] = group as u16;
+            self.groups[group].runs += 1;
             self.runs.push(Run {
                 group: group as u16,
                 from: from as u16,
                 len: run.len() as u16,
             });
             from += run.len();
+        }
+        self.next.clear();
+        let mut first = 0;
+        for group in &self.groups {
+            self.next.push(first);
+            first += group.runs;
+        }
+        self.sorted.clear();
+        self.sorted.resize(self.runs.len(), Run::default());
+        for run in &self.runs {
+            let next = &mut self.next[usize::from(run.group)];
+            self.sorted[*next] = *run;
+            *next += 1;
         }
     }
 }
@@ -376,45 +427,12 @@ fn pad(nx: &mut [f32], ny: &mut [f32], n: usize) -> usize {
     full
 }
 
-/// Bounds of a group of rays, a little wider than they are: rounding must not part a ray from what it touches.
-fn bounds((nx, ny): (&[f32; LANES], &[f32; LANES])) -> Rect {
-    /// Far below a pixel of any camera.
-    const SLACK: f32 = 1e-4;
-    let range = |n: &[f32; LANES]| {
-        let (mut lo, mut hi) = (*n, *n);
-        let mut half = LANES / 2;
-        while half > 0 {
-            for i in 0..half {
-                lo[i] = if lo[i + half] < lo[i] {
-                    lo[i + half]
-                } else {
-                    lo[i]
-                };
-                hi[i] = if hi[i + half] > hi[i] {
-                    hi[i + half]
-                } else {
-                    hi[i]
-                };
-            }
-            half /= 2;
-        }
-        [lo[0] - SLACK, hi[0] + SLACK]
-    };
-    Rect {
-        x: range(nx),
-        y: range(ny),
-    }
-}
-
-/// Ranges of the rays, by groups of [`LANES`], that may meet what lies within `rect`.
-fn near<'a>(bounds: &'a [Rect], rect: &'a Rect) -> impl Iterator<Item = Range<usize>> + 'a {
-    let mut next = 0;
-    std::iter::from_fn(move || {
-        let from = next + bounds[next..].iter().position(|b| b.meets(rect))?;
-        let rest = bounds[from..].iter();
-        next = from + rest.take_while(|b| b.meets(rect)).count();
-        Some(from * LANES..next * LANES)
-    })
+/// The next run of ones at or after `from`, in rays.
+fn next_run(meets: &[u8], from: usize) -> Option<Range<usize>> {
+    let from = from + meets[from..].iter().position(|m| *m != 0)?;
+    let rest = meets[from..].iter();
+    let to = from + rest.take_while(|m| **m != 0).count();
+    Some(from * LANES..to * LANES)
 }
 
 /// The one face of the room that all rays of a rectangle leave by. A face is convex on the plane z = 1, so the

@@ -372,4 +372,22 @@ mod tests {
         let verdict = run.finish();
         assert_eq!(verdict.count, 0, "{:?}", verdict.violations);
     }
+
+    /// Swapped eyes let the distance run away to 6 m while the person comes near: what is nearer than believed is looked at as soon as the rig has
+    /// given its prediction up, and a wall that was taken for the person a moment ago does not stand in the way.
+    #[test]
+    fn a_distance_that_ran_away_is_corrected() {
+        let plan = Plan {
+            seed: 128,
+            seconds: 15.0,
+            bug: None,
+            trace: false,
+        };
+        let mut run = Run::new(plan, planted(plan.seed, 60.0)).unwrap();
+        for step in 1..=(plan.seconds / STEP_S).round() as u64 {
+            run.step(step as f64 * STEP_S).unwrap();
+        }
+        let verdict = run.finish();
+        assert_eq!(verdict.count, 0, "{:?}", verdict.violations);
+    }
 }

@@ -60,7 +60,8 @@ pub fn was_blind(pause_s: f64, before_s: f64) -> bool {
 pub struct FollowSettings {
     /// Whether people stand upright in the picture.
     pub posture: Posture,
-    /// How long the target's motion is extrapolated once it is out of sight, s.
+    /// How long the target's motion is extrapolated once it is out of sight, s, and its place believed; then whoever looks like it may be it
+    /// anywhere. As long as the rig follows a prediction.
     pub coast_s: f64,
     /// How long a lost target is looked for before any moving person becomes the target, s; infinite for never. A
     /// target given by a box is never exchanged.
@@ -75,7 +76,7 @@ impl Default for FollowSettings {
     fn default() -> Self {
         Self {
             posture: Posture::Upright,
-            coast_s: 2.0,
+            coast_s: 1.0,
             forget_s: 6.0,
             confirm_s: 0.12,
             learn_s: 0.8,
@@ -206,7 +207,7 @@ impl Follower {
         }
     }
 
-    /// From sight to hidden; a target on probation was never seen.
+    /// From sight to hidden; a target on probation was never seen, and is as lost as before.
     fn lose(&mut self) {
         self.state = FollowState::Occluded;
         match self.undo.take() {

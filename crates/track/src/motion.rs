@@ -7,7 +7,7 @@ use vergence_geometry::Camera;
 use vergence_imaging::{Gray, Plane};
 
 use crate::background::Background;
-use crate::sampling::bilinear_clamped;
+use crate::sampling::bilinear_row;
 use crate::view::{EyeView, PixelBox};
 
 /// Ages of the three earlier pictures against which a picture is compared, seconds: from a limb's swing to the body's
@@ -362,19 +362,21 @@ fn warp_row(old: &Gray, mesh: &[[f32; 2]], y: usize, out: &mut [f32]) {
             top[1] + b * (bottom[1] - top[1]),
         ]
     };
+    let (mut u, mut v) = ([0.0; MESH], [0.0; MESH]);
     for (i, span) in out.chunks_mut(MESH).enumerate() {
         let (from, to) = (edge(i), edge(i + 1));
         let step = [
             (to[0] - from[0]) / MESH as f32,
             (to[1] - from[1]) / MESH as f32,
         ];
-        for (k, o) in span.iter_mut().enumerate() {
-            let (u, v) = (from[0] + step[0] * k as f32, from[1] + step[1] * k as f32);
-            *o = if u >= 0.0 && v >= 0.0 && u <= (w - 1) as f32 && v <= (h - 1) as f32 {
-                bilinear_clamped(old, u, v)
-            } else {
-                f32::NAN
-            };
+        for k in 0..MESH {
+            (u[k], v[k]) = (from[0] + step[0] * k as f32, from[1] + step[1] * k as f32);
+        }
+        bilinear_row(old, &u[..span.len()], &v[..span.len()], span);
+        let (most_u, most_v) = ((w - 1) as f32, (h - 1) as f32);
+        for ((o, &u), &v) in span.iter_mut().zip(&u).zip(&v) {
+            let inside = (u >= 0.0) & (v >= 0.0) & (u <= most_u) & (v <= most_v);
+            *o = if inside { *o } else { f32::NAN };
         }
     }
 }

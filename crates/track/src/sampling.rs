@@ -279,7 +279,7 @@ fn smooth_out(picture: &Gray, scale: f32, footprint: &Footprint, stride: f32, ou
 const BLOCK: usize = 64;
 
 /// [`bilinear_clamped`] of many places, to the bit.
-fn bilinear_row(picture: &Gray, u: &[f32], v: &[f32], out: &mut [f32]) {
+pub(crate) fn bilinear_row(picture: &Gray, u: &[f32], v: &[f32], out: &mut [f32]) {
     let mut corners = [[0.0; BLOCK]; 4];
     let mut at = [0; BLOCK];
     let blocks = u.chunks(BLOCK).zip(v.chunks(BLOCK));
@@ -315,7 +315,9 @@ fn corner_of([w, h]: [usize; 2], u: &[f32], v: &[f32], at: &mut [u32; BLOCK]) {
 fn blend([w, h]: [usize; 2], u: &[f32], v: &[f32], corners: &[[f32; BLOCK]; 4], out: &mut [f32]) {
     let (max_u, max_v) = ((w - 1) as f32, (h - 1) as f32);
     let n = out.len();
-    let [p00, p10, p01, p11] = corners.each_ref().map(|c| &c[..n]);
+    // Each cut by its own expression: after a `map` the compiler does not know that they are all as long as this.
+    let (p00, p10) = (&corners[0][..n], &corners[1][..n]);
+    let (p01, p11) = (&corners[2][..n], &corners[3][..n]);
     let (u, v) = (&u[..n], &v[..n]);
     for k in 0..n {
         let (u, v) = (u[k].clamp(0.0, max_u), v[k].clamp(0.0, max_v));

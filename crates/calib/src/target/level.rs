@@ -119,7 +119,9 @@ fn smoothed(picture: &Gray) -> Plane<f32> {
 #[multiversion(targets = "simd")]
 fn down(rows: &[&[u8]; 2 * REACH + 1], kernel: &[f32; 2 * REACH + 1], out: &mut [f32]) {
     let n = out.len();
-    let [a, b, c, d, e, f, g] = rows.map(|row| &row[..n]);
+    // Each cut by its own expression: after a `map` the compiler does not know that they are all as long as this.
+    let (a, b, c, d) = (&rows[0][..n], &rows[1][..n], &rows[2][..n], &rows[3][..n]);
+    let (e, f, g) = (&rows[4][..n], &rows[5][..n], &rows[6][..n]);
     for i in 0..n {
         out[i] = kernel[0] * (f32::from(a[i]) + f32::from(g[i]))
             + kernel[1] * (f32::from(b[i]) + f32::from(f[i]))
@@ -131,7 +133,9 @@ fn down(rows: &[&[u8]; 2 * REACH + 1], kernel: &[f32; 2 * REACH + 1], out: &mut 
 #[multiversion(targets = "simd")]
 fn across(padded: &[f32], kernel: &[f32; 2 * REACH + 1], out: &mut [f32]) {
     let n = out.len();
-    let [a, b, c, d, e, f, g]: [&[f32]; 2 * REACH + 1] = std::array::from_fn(|i| &padded[i..i + n]);
+    let (a, b, c) = (&padded[..n], &padded[1..1 + n], &padded[2..2 + n]);
+    let (d, e) = (&padded[3..3 + n], &padded[4..4 + n]);
+    let (f, g) = (&padded[5..5 + n], &padded[6..6 + n]);
     for i in 0..n {
         out[i] = kernel[0] * (a[i] + g[i])
             + kernel[1] * (b[i] + f[i])

@@ -7,6 +7,9 @@ use crate::kernels;
 use crate::reference::FIRST_CARD;
 use crate::view::View;
 
+/// Width of the strips in which pixels on edges are listed.
+const STRIP: usize = 8;
+
 impl Workspace {
     pub(super) fn find_edges(&mut self, width: usize, height: usize) {
         let edge = &mut self.edge[..width * height];
@@ -20,12 +23,15 @@ impl Workspace {
                 }
             }
         }
+        // Column by column of strips: the rays of neighbours in the list then lie close together, and few things meet their bounds.
         self.edge_list.clear();
-        self.edge_list.extend(
-            (0..width * height)
-                .filter(|&i| edge[i] != 0)
-                .map(|i| i as u32),
-        );
+        for strip in (0..width).step_by(STRIP) {
+            for y in 0..height {
+                let row = strip..width.min(strip + STRIP);
+                let pixels = row.map(|x| y * width + x).filter(|&i| edge[i] != 0);
+                self.edge_list.extend(pixels.map(|i| i as u32));
+            }
+        }
     }
 
     pub(super) fn smooth_edges(

@@ -280,7 +280,11 @@ fn row_between<const STEP: usize>(
     out: &mut [i32],
 ) {
     let columns = sums.len();
-    let [a, b, c, d] = [0, 1, 2, 3].map(|k| &knots[k * columns..(k + 1) * columns]);
+    // Each cut by its own expression: after a `map` the compiler does not know that they are all as long as this.
+    let (a, knots) = knots.split_at(columns);
+    let (b, knots) = knots.split_at(columns);
+    let (c, d) = (&knots[..columns], &knots[columns..2 * columns]);
+    let (a, b) = (&a[..columns], &b[..columns]);
     let one = (1 << FRACTION_BITS) as f32;
     for i in 0..columns {
         sums[i] = one * (down[0] * a[i] + down[1] * b[i] + down[2] * c[i] + down[3] * d[i]);

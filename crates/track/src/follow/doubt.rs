@@ -8,6 +8,7 @@ use super::wander::Wander;
 use crate::appearance::Appearance;
 use crate::belief::Belief;
 use crate::correlation::Correlator;
+use crate::view::FollowState;
 
 /// For how long a place is doubted, s.
 const DOUBT_S: f64 = 1.0;
@@ -39,6 +40,7 @@ const PROBATION: u32 = 3;
 #[derive(Clone, Debug)]
 pub(super) struct Undo {
     left: u32,
+    state: FollowState,
     belief: Option<Belief>,
     filter: Correlator,
     appearance: Appearance,
@@ -53,6 +55,7 @@ impl Undo {
     pub(super) fn of(follower: &Follower) -> Self {
         Self {
             left: PROBATION,
+            state: follower.state,
             belief: follower.belief,
             filter: follower.filter.clone(),
             appearance: follower.appearance.clone(),
@@ -71,6 +74,7 @@ impl Undo {
     }
 
     pub(super) fn restore(self, follower: &mut Follower) {
+        follower.state = self.state;
         follower.belief = self.belief;
         follower.filter = self.filter;
         follower.appearance = self.appearance;
