@@ -1,6 +1,6 @@
 //! Matching, and matching with all geometry, of one rendered pair on one core, from 160 x 120 to 4000 x 3000.
 
-#[path = "../tests/leaves/mod.rs"]
+#[path = "../tests/faults/leaves/mod.rs"]
 mod leaves;
 
 use leaves::Leaves;

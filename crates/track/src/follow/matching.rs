@@ -27,8 +27,11 @@ pub(super) const PSR_CHANCE: f64 = 3.5;
 /// Strangeness of the appearance up to which a person may be the target; about 1 is usual for the target.
 pub(super) const STRANGE: f64 = 4.0;
 
-/// How far from its height above the floor the chest is believed when it is seen again, metres.
+/// How far from its height above the floor the chest is believed when it is seen again, metres ...
 pub(super) const HEIGHT_M: f64 = 0.2;
+
+/// ... plus this for every second since the target was lost, m/s: people sit down, and a motor that missed steps tilts the world.
+const HEIGHT_M_S: f64 = 0.2;
 
 /// How far from that height a target that stays in sight may get, metres: half a torso.
 pub(super) const LEAVING_M: f64 = 0.3;
@@ -364,9 +367,14 @@ impl Follower {
 
     /// Whether a match is about as high above the floor as the target was.
     fn at_target_height(&self, view: &EyeView, found: &Match) -> bool {
+        let lost_s = self.last_time_s - self.hidden_s - self.settings.coast_s;
+        let most_m = match self.state {
+            FollowState::Lost => HEIGHT_M + HEIGHT_M_S * lost_s.max(0.0),
+            _ => HEIGHT_M,
+        };
         self.belief
             .as_ref()
-            .is_none_or(|b| b.below_m(&view.lens(), &found.ray, found.distance_m).abs() < HEIGHT_M)
+            .is_none_or(|b| b.below_m(&view.lens(), &found.ray, found.distance_m).abs() < most_m)
     }
 
     /// Whether a match has left the chest for legs or what is above the head.

@@ -3,16 +3,8 @@
 //! different times; and that it is left open where nothing moves or nothing agrees. Goal: 0.1 frame. Fractions are
 //! printed; on a street with small motion the worst misses the goal (0.11).
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
-#[allow(dead_code)]
-mod recorded;
-#[allow(dead_code)]
-mod twin;
-
+use crate::recorded;
+use crate::twin;
 use std::path::Path;
 
 use vergence_imaging::Gray;

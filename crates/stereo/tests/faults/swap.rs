@@ -2,16 +2,8 @@
 //! with one set of constants for all; on the twin's rooms; and that pictures without depth leave it open. Does not prove that the
 //! probability that goes with the decision is calibrated.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
-#[allow(dead_code)]
-mod recorded;
-#[allow(dead_code)]
-mod twin;
-
+use crate::recorded;
+use crate::twin;
 use vergence_imaging::Rgb;
 use vergence_imaging::colour::luma_from_rgb;
 use vergence_stereo::dense::{DenseSettings, disparity_map};

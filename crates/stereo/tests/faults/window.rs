@@ -1,11 +1,6 @@
 //! Proves on made pairs of known disparity that the edges' violations, ghosts, shape and jumps at cuts are what their formulas say, that
 //! masking as told repairs the window, and that nothing behind the screen is blamed.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
 use vergence_geometry::StereoArray;
 use vergence_geometry::array::Mode;
 use vergence_geometry::comfort::Viewing;

@@ -1,9 +1,6 @@
 //! Proves that what is wrong with a rig is found from its pictures: pairs rendered by the twin, one camera pitched, rolled,
 //! with a longer lens, both toed in, rolled or turned alike, one lens distorted more, alone and mixed; estimates against the
-//! angles that were set. What it does not prove: accuracy on photographs (see `faults_geometry_real.rs`).
-
-// In tests a failed unwrap is the failure.
-#![allow(clippy::unwrap_used)]
+//! angles that were set. What it does not prove: accuracy on photographs (see `geometry_real.rs`).
 
 use std::sync::{Arc, OnceLock};
 

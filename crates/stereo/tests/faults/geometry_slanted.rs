@@ -2,12 +2,7 @@
 //! (disparity grows along it) fill the whole pair, with faults planted into one picture. On such a plane depth and
 //! place go together, which is the hardest case for the terms that depend on depth.
 
-// In tests a failed unwrap is the failure.
-#![allow(clippy::unwrap_used)]
-
-mod planting;
-
-use planting::{Plant, expected};
+use crate::planting::{Plant, expected};
 use vergence_geometry::comfort::Viewing;
 use vergence_geometry::viewing::Viewer;
 use vergence_imaging::Rgb;

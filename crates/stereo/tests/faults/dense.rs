@@ -2,16 +2,8 @@
 //! range, with rows out of line and at reduced size; that it is deterministic, bounded and refuses what it cannot do. On recorded
 //! pairs with ground truth (where the recordings are there) it prints how many pixels are wrong, and bounds them.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
-#[allow(dead_code)]
-mod recorded;
-mod texture;
-
-use texture::texture;
+use crate::recorded;
+use crate::texture::texture;
 use vergence_imaging::Gray;
 use vergence_imaging::colour::luma_from_rgb;
 use vergence_imaging::files::{read_gray, read_gray16};

@@ -3,17 +3,13 @@
 //! ±0.15 px, ±0.02° and ±0.05 % (some pairs to what is said of them), that parallax agrees with the published disparities, and that pictures of different scenes are refused.
 //! The ignored test prints the table of `docs/concept-pair-faults.md`.
 
-// In tests a failed unwrap is the failure.
-#![allow(clippy::unwrap_used)]
-
-mod planting;
-#[allow(dead_code, reason = "shared with other tests")]
-mod recorded;
-
+use crate::recorded;
 use std::path::Path;
+use std::sync::OnceLock;
 
-use planting::{Plant, expected};
-use recorded::RealPair;
+use crate::planting::{Plant, expected};
+use crate::recorded::RealPair;
+use rayon::prelude::*;
 use vergence_geometry::Eye;
 use vergence_geometry::comfort::Viewing;
 use vergence_geometry::viewing::Viewer;
@@ -38,6 +34,36 @@ fn similarity(faults: &PairFaults) -> [f64; 3] {
     [a.offset_px.value, a.roll_deg.value, a.zoom_percent.value]
 }
 
+/// A recorded pair and what is measured in it as it is.
+struct Given {
+    pair: RealPair,
+    faults: PairFaults,
+    is_rectified: bool,
+}
+
+/// Photographs up to this width are looked at, px: those of megapixels take minutes and stand in the table, which the ignored test prints.
+const WIDEST_PX: usize = 1000;
+
+/// Every rectified pair and every photograph of up to [`WIDEST_PX`], measured once for all tests.
+fn as_given(data: &Path) -> &'static [Given] {
+    static GIVEN: OnceLock<Vec<Given>> = OnceLock::new();
+    GIVEN.get_or_init(|| {
+        let rectified = recorded::disparity_pairs(data).into_iter();
+        let photographs = recorded::photographs(data).into_iter();
+        let few = photographs.filter(|p| p.left.width() <= WIDEST_PX);
+        let all: Vec<(RealPair, bool)> = (rectified.map(|p| (p, true)))
+            .chain(few.map(|p| (p, false)))
+            .collect();
+        all.into_par_iter()
+            .map(|(pair, is_rectified)| Given {
+                faults: measured(&pair.left, &pair.right).unwrap(),
+                pair,
+                is_rectified,
+            })
+            .collect()
+    })
+}
+
 /// No alarm about alignment or lens on pairs that were rectified by their makers; what is said of parallax is true of unshifted
 /// pictures of parallel cameras and stays.
 #[test]
@@ -45,8 +71,8 @@ fn rectified_pairs_raise_no_alarm() {
     let Some(data) = recorded::data_folder("rectified_pairs_raise_no_alarm") else {
         return;
     };
-    for pair in recorded::disparity_pairs(&data) {
-        let faults = measured(&pair.left, &pair.right).unwrap();
+    for given in as_given(&data).iter().filter(|g| g.is_rectified) {
+        let Given { pair, faults, .. } = given;
         let causes = [
             Cause::VerticalParallax,
             Cause::VerticalOffset,
@@ -98,19 +124,13 @@ fn errors(pair: &RealPair, before: [f64; 3], plant: &Plant, eye: Eye) -> [f64; 3
     std::array::from_fn(|k| got[k] - want[k])
 }
 
-/// Checks these plantings in every rectified pair and every photograph of up to a width, px.
-fn check(data: &Path, eye: Eye, few: &[&str], widest: usize) {
-    let mut pairs = recorded::disparity_pairs(data);
-    pairs.extend(recorded::photographs(data));
-    let (mut tried, mut checked) = (0, 0);
-    for pair in &pairs {
-        let before = similarity(&measured(&pair.left, &pair.right).unwrap());
-        let within = bounds(&pair.name, eye);
-        // Resampling and matching megapixels takes minutes: those stand in the table, which the ignored test prints.
-        if pair.left.width() > widest {
-            continue;
-        }
-        checked += 1;
+/// Checks these plantings in every pair of up to [`WIDEST_PX`].
+fn check(data: &Path, eye: Eye, few: &[&str]) {
+    let narrow = |g: &&Given| g.pair.left.width() <= WIDEST_PX;
+    let pairs: Vec<&Given> = as_given(data).iter().filter(narrow).collect();
+    let mut tried = 0;
+    for Given { pair, faults, .. } in &pairs {
+        let (before, within) = (similarity(faults), bounds(&pair.name, eye));
         for (name, plant) in plantings().iter().filter(|p| few.contains(&p.0)) {
             let errors = errors(pair, before, plant, eye);
             println!("{} {name}: {errors:.4?}", pair.name);
@@ -122,7 +142,10 @@ fn check(data: &Path, eye: Eye, few: &[&str], widest: usize) {
             tried += 1;
         }
     }
-    assert!(checked >= 9 && tried == few.len() * checked, "{tried}");
+    assert!(
+        pairs.len() >= 9 && tried == few.len() * pairs.len(),
+        "{tried}"
+    );
 }
 
 /// A mixture in the right picture of every rectified pair and every photograph of up to 1000 px width; the rest is in the table.
@@ -131,7 +154,7 @@ fn planted_faults_are_measured() {
     let Some(data) = recorded::data_folder("planted_faults_are_measured") else {
         return;
     };
-    check(&data, Eye::Right, &["mix gain"], 1000);
+    check(&data, Eye::Right, &["mix gain"]);
 }
 
 /// A roll in the *left* picture of those of up to 1000 px. Where depth does not tell which camera rolled the right one is taken to
@@ -141,7 +164,7 @@ fn faults_of_the_left_picture_are_measured() {
     let Some(data) = recorded::data_folder("faults_of_the_left_picture_are_measured") else {
         return;
     };
-    check(&data, Eye::Left, &["roll -1"], 1000);
+    check(&data, Eye::Left, &["roll -1"]);
 }
 
 /// Near and far end against the published disparities of what both eyes see; a percentile of matches cannot be better than the spread
@@ -151,7 +174,7 @@ fn parallax_agrees_with_the_published_disparities() {
     let Some(data) = recorded::data_folder("parallax_agrees_with_the_published_disparities") else {
         return;
     };
-    for pair in recorded::disparity_pairs(&data) {
+    for Given { pair, faults, .. } in as_given(&data).iter().filter(|g| g.is_rectified) {
         let truth = pair.folder.join("gt.png");
         // Half of the playground (the sky) and all of the second chess scene have no published disparity.
         if !truth.is_file() || pair.name == "playground" {
@@ -167,7 +190,7 @@ fn parallax_agrees_with_the_published_disparities() {
         known.sort_by(f64::total_cmp);
         let at = |q: f64| known[(q * (known.len() - 1) as f64) as usize];
         let range = at(0.99) - at(0.01);
-        let parallax = measured(&pair.left, &pair.right).unwrap().parallax;
+        let parallax = &faults.parallax;
         for (got, want) in [(parallax.near, at(0.99)), (parallax.far, at(0.01))] {
             println!(
                 "{}: {:.1} px, published {want:.1}",
@@ -191,7 +214,8 @@ fn different_scenes_are_refused() {
     let Some(data) = recorded::data_folder("different_scenes_are_refused") else {
         return;
     };
-    let pairs = recorded::disparity_pairs(&data);
+    let given = as_given(&data).iter().filter(|g| g.is_rectified);
+    let pairs: Vec<&RealPair> = given.map(|g| &g.pair).collect();
     let mut tried = 0;
     for (i, one) in pairs.iter().enumerate() {
         for other in pairs.iter().cycle().skip(i + 1).take(2) {

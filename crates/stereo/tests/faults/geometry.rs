@@ -1,16 +1,11 @@
 //! Proves that offset, roll, zoom, keystone, lens mismatch and parallax are measured to the promised accuracy in pairs that are
 //! rendered for the test (every disparity known) and into which faults are planted by resampling; that the correction takes
 //! them away; that what is no pair is refused; and that nothing clean raises an alarm. What it does not prove: accuracy in photographs (see
-//! `faults_geometry_real.rs`).
+//! `geometry_real.rs`).
 
-// In tests a failed unwrap is the failure.
-#![allow(clippy::unwrap_used)]
-
-mod leaves;
-mod planting;
-
-use leaves::Leaves;
-use planting::{Plant, Random, expected};
+use crate::leaves::Leaves;
+use crate::planting;
+use crate::planting::{Plant, Random, expected};
 use vergence_geometry::comfort::Viewing;
 use vergence_geometry::viewing::Viewer;
 use vergence_imaging::Rgb;

@@ -2,19 +2,9 @@
 //! that differ; the sensor's own noise is told apart from blur; what an edge cuts, ghosts, roundness and a jump of depth are what the
 //! geometry says; and a clean pair behind the screen raises no alarm at all. Does not prove it for lenses or sensors unlike the twin's.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
-#[allow(dead_code)]
-mod planted;
-#[allow(dead_code)]
-mod twin;
-
-use planted::{blurred, noisy, tinted, toned};
+use crate::planted::{blurred, noisy, tinted, toned};
+use crate::twin::{INTERAXIAL_M, Twin};
 use rayon::prelude::*;
-use twin::{INTERAXIAL_M, Twin};
 use vergence_geometry::array::Mode;
 use vergence_geometry::comfort::Viewing;
 use vergence_geometry::viewing::Viewer;

@@ -2,16 +2,8 @@
 //! limits, double beyond them, and nearer the sharper eye; with shares that say so. On recorded pairs it prints the shares. Does not
 //! prove that people see it so.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
-#[allow(dead_code)]
-mod planted;
-#[allow(dead_code)]
-mod recorded;
-
+use crate::planted;
+use crate::recorded;
 use vergence_geometry::comfort::Viewing;
 use vergence_geometry::viewing::Viewer;
 use vergence_imaging::Rgb;
