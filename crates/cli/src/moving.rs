@@ -26,8 +26,8 @@ const STOP_MOST: Duration = Duration::from_secs(3);
 /// Homing that takes longer has failed.
 const HOMING_MOST: Duration = Duration::from_secs(180);
 
-/// How a released controller shows it: within this time its axes are no longer at fault.
-const RELEASE_MOST: Duration = Duration::from_secs(4);
+/// How a released controller shows it: within this time its axes are no longer at fault. LinuxCNC may take 4 s to switch on.
+const RELEASE_MOST: Duration = Duration::from_secs(5);
 
 /// An axis for programs.
 #[derive(Debug, Serialize)]

@@ -302,7 +302,7 @@ fn a_controller_that_is_kept_from_its_work_loses_nothing() {
         let (mut worst_deg, mut later_deg) = (0.0_f64, 0.0_f64);
         loop {
             let t = rig.live.now_s() - start_s;
-            if t > 3.75 {
+            if t > 3.3 {
                 break;
             }
             let pan = |t: f64| (10.0 * (1.0 - (w * t).cos()), 10.0 * w * (w * t).sin());

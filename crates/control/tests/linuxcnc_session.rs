@@ -7,7 +7,7 @@
 )]
 
 use proptest::prelude::*;
-use vergence_control::linuxcnc::session::SILENT_S;
+use vergence_control::linuxcnc::session::{SILENT_S, SWITCHING_S};
 use vergence_control::linuxcnc::{LinuxCncConfig, Session};
 use vergence_control::{
     AxisCommand, AxisError, AxisName, AxisSetpoint, AxisState, DriveEventKind, HeadConfig, Link,
@@ -307,6 +307,30 @@ fn a_silent_server_is_lost() {
     server.session.clear(server.now_s).unwrap();
     server.run(0.3);
     assert_eq!(server.session.states(), [AxisState::Held; 4]);
+}
+
+/// A server that waits for a controller that switches is not taken for lost while no axis can move for us; but not for ever, and a later silence
+/// counts as always.
+#[test]
+fn a_controller_that_switches_is_waited_for() {
+    let mut server = Server::new();
+    server.session.connected(0.0);
+    server.run(0.3);
+    server.session.clear(server.now_s).unwrap();
+    server.waits = true;
+    server.run(SWITCHING_S - 0.1);
+    assert!(matches!(server.session.link(), Link::Up { .. }));
+    assert_eq!(server.session.states(), [AxisState::Fault; 4]);
+    server.waits = false;
+    server.run(0.3);
+    assert_eq!(server.session.states(), [AxisState::Unhomed; 4]);
+    server.session.home(server.now_s).unwrap();
+    server.waits = true;
+    server.run(SILENT_S + 0.1);
+    assert!(matches!(server.session.link(), Link::Up { .. }));
+    server.run(SWITCHING_S - SILENT_S);
+    assert!(matches!(server.session.link(), Link::Down { .. }));
+    assert!(server.said(DriveEventKind::Lost, "the axes stop by themselves"));
 }
 
 /// Without commands the axes are stopped, and said to be.

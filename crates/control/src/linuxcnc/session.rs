@@ -22,6 +22,9 @@ const FETCHED_S: f64 = 0.01;
 const OFF_DEG: f64 = 0.1;
 /// A controller that has answered nothing for this long is lost, s. Switching it on keeps it silent for 0.4 s.
 pub const SILENT_S: f64 = 1.5;
+/// So long after it was asked to switch (on, to another mode, to homing) its silence says nothing while no axis may follow, s: its server goes on
+/// when all is done, which takes seconds where its servo thread has to wait for a processor.
+pub const SWITCHING_S: f64 = 4.0;
 /// Positions are as old as this when they are asked for, s: the controller's status is made anew every millisecond, and an idle server
 /// answers within a tenth of one. When the answer is fetched says nothing, since nobody waits for it.
 const STATUS_AGE_S: f64 = 0.0005;
@@ -112,6 +115,8 @@ pub struct Session {
     homing_s: Option<f64>,
     /// Until then jogging together is being switched on.
     changing_s: f64,
+    /// When it was asked to switch last, s.
+    switched_s: f64,
     /// Why nothing moves until a person has cleared it.
     fault: Option<String>,
     stuck: u32,
@@ -153,6 +158,7 @@ impl Session {
             cleared_s: f64::NEG_INFINITY,
             homing_s: None,
             changing_s: f64::NEG_INFINITY,
+            switched_s: f64::NEG_INFINITY,
             fault: None,
             stuck: 0,
             events: DriveEvents::default(),
@@ -230,6 +236,7 @@ impl Session {
         self.asked = None;
         self.said = Said::default();
         self.homing_s = None;
+        self.switched_s = f64::NEG_INFINITY;
         let now_s = self.now_s;
         self.followers.iter_mut().for_each(|f| f.forget(now_s));
     }
@@ -254,8 +261,10 @@ impl Session {
         if self.phase == Phase::Down {
             return Ok(());
         }
-        if self.now_s - self.heard_s > SILENT_S {
-            return Err(format!("no answer for {SILENT_S} s"));
+        let switching = self.block().is_some() && self.now_s - self.switched_s < SWITCHING_S;
+        let silent_s = self.now_s - self.heard_s;
+        if silent_s > SILENT_S && !switching {
+            return Err(format!("no answer for {silent_s:.1} s"));
         }
         if self.out.len() > MOST_WAITING {
             return Err("it takes no more commands".to_owned());
@@ -412,6 +421,7 @@ impl Session {
         if settled && self.said.homed == Some([true; 4]) {
             self.homing_s = None;
             self.changing_s = self.now_s + CHANGE_S;
+            self.switched_s = self.now_s;
             self.said.teleop = None;
             self.send("set teleop_enable on");
             self.held = [false; 4];
@@ -563,6 +573,7 @@ impl Session {
         }
         self.stop();
         self.changing_s = self.now_s + CHANGE_S;
+        self.switched_s = self.now_s;
         self.said.homed = None;
         self.homing_s = Some(self.now_s);
         for line in ["set mode manual", "set teleop_enable off", "set home -1"] {
@@ -584,6 +595,7 @@ impl Session {
         self.stuck = 0;
         self.held = [true; 4];
         self.cleared_s = self.now_s;
+        self.switched_s = self.now_s;
         let enable = format!("set enable {}", self.config.enable_word);
         self.send(&enable);
         for line in ["set estop off", "set machine on", "set mode manual"] {

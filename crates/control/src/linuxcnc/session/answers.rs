@@ -44,6 +44,7 @@ impl Session {
                 let homed = self.said.homed == Some([true; 4]);
                 if !on && homed && self.homing_s.is_none() && self.now_s > self.changing_s {
                     self.changing_s = self.now_s + CHANGE_S;
+                    self.switched_s = self.now_s;
                     self.send("set teleop_enable on");
                 }
             }
