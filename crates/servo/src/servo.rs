@@ -50,6 +50,8 @@ pub struct Servo {
     rigging: Rigging,
     pictures: [Pictures; 2],
     follower: Follower,
+    /// Whether the target was given, and is nobody to be let go.
+    is_given: bool,
     matcher: Matcher,
     relief_m: f64,
     target: Target,
@@ -118,6 +120,7 @@ impl Servo {
             rigging,
             pictures: info.cameras.map(|c| Pictures::of(&c)),
             follower,
+            is_given: settings.target.is_some(),
             relief_m: settings.matching.relief_m,
             matcher: Matcher::new(settings.matching),
             target: Target::new(filter)?,
@@ -147,6 +150,12 @@ impl Servo {
             let sighting = report.sighting?;
             let (measured, note) = self.measure(&stance, &sighting, pair);
             let place = measured.as_ref().map(|m| self.place(&stance, m));
+            if !self.is_given && self.target.is_blank(place.as_ref(), capture_s) {
+                self.follower.release();
+                report.sighting = None;
+                report.state = FollowState::Searching;
+                return None;
+            }
             if self.target.can_be(sighting.kind, place.as_ref(), capture_s) {
                 if let Some(note) = note {
                     self.follower.note_range(note);

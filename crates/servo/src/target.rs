@@ -34,6 +34,11 @@ const REACH_LEVEL_M_S: f64 = 0.2;
 /// deviation: further, and what was expected was so vague that the two cannot be put together.
 const ANSWER_M: f64 = 0.5;
 
+/// What is followed for so long, s, and in so many pairs without ever having had a distance is nobody that cameras could be turned to: a stretch of
+/// wall that seemed to move.
+const BLANK_S: f64 = 0.7;
+const BLANK_PAIRS: u32 = 3;
+
 /// A place that was measured, and how well its distance is known.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Place {
@@ -54,6 +59,8 @@ pub(crate) struct Target {
     sighted_s: f64,
     /// Capture times of the newest pair and of the two before.
     pairs_s: [f64; 3],
+    /// Since when something is followed that never had a distance, s, and in how many pairs.
+    blank: Option<(f64, u32)>,
 }
 
 impl Target {
@@ -65,6 +72,7 @@ impl Target {
             claims: Claims::default(),
             sighted_s: f64::NEG_INFINITY,
             pairs_s: [f64::NEG_INFINITY; 3],
+            blank: None,
         })
     }
 
@@ -87,6 +95,18 @@ impl Target {
         self.expectation.reset();
         self.before = None;
         self.sighted_s = f64::NEG_INFINITY;
+        self.blank = None;
+    }
+
+    /// Whether what is seen has had no distance since it was found, and should have by now. To be called for every sighting.
+    pub(crate) fn is_blank(&mut self, place: Option<&Place>, capture_s: f64) -> bool {
+        if place.is_some() || self.filter.is_started() {
+            self.blank = None;
+            return false;
+        }
+        let (since_s, pairs) = self.blank.get_or_insert((capture_s, 0));
+        *pairs += 1;
+        *pairs > BLANK_PAIRS && capture_s - *since_s > BLANK_S
     }
 
     /// Where it is expected at a time; `None` when there is none.
@@ -270,6 +290,30 @@ mod tests {
         assert!(target.can_be(SightingKind::Followed, None, 29.0 / 30.0 + 0.5));
         target.begin(29.0 / 30.0 + 1.0);
         assert!(!target.can_be(SightingKind::Followed, None, 29.0 / 30.0 + 1.0));
+    }
+
+    /// What never has a distance is let go after 0.7 s, of a slow source after some pairs; one distance is enough to stay.
+    #[test]
+    fn what_never_has_a_distance_is_nobody() {
+        let let_go = |fps: f64, measured: Option<u32>| {
+            let mut target = Target::new(FilterSettings::default()).unwrap();
+            (0..100).find(|&i| {
+                let now_s = f64::from(i) / fps;
+                target.begin(now_s);
+                let there = (measured == Some(i)).then(|| place(0.0, 5.0));
+                if let Some(there) = &there {
+                    let sight = Sight::Position {
+                        position_in_base: there.point_in_base,
+                        covariance: Matrix3::identity() * 1e-4,
+                    };
+                    target.observe(now_s, sight, Some(there)).unwrap();
+                }
+                target.is_blank(there.as_ref(), now_s)
+            })
+        };
+        assert_eq!(let_go(30.0, None), Some(22));
+        assert_eq!(let_go(2.0, None), Some(3));
+        assert_eq!(let_go(30.0, Some(15)), None);
     }
 
     /// Who was expected to walk on may have stopped where last seen; nobody is suddenly a metre higher or lower.
