@@ -44,7 +44,7 @@ pub use stamps::ClockDomain;
 pub use statistics::{CameraStatistics, LiveStatistics};
 
 use self::offset::Offset;
-use self::reader::{Gives, LiveFrame, Reader, Shared, State};
+use self::reader::{BACK_OFF, Gives, LiveFrame, Reader, Shared, State};
 use self::spread::Spread;
 use self::statistics::Measure;
 use crate::CaptureError;
@@ -206,6 +206,9 @@ impl LiveSource {
                 opener,
                 gives,
                 frozen_after: config.frozen_after,
+                delay_s: config.delay_s,
+                gone_s: None,
+                wait: BACK_OFF[0],
                 silence: Duration::from_secs_f64(config.silence_s),
                 start: Duration::from_secs_f64(config.start_s),
             };

@@ -19,8 +19,8 @@ use vergence_track::{FollowSettings, Posture};
 use crate::fault::{self, Fault};
 use crate::info::{refused, shown};
 use crate::output::{self, Format};
-use crate::run::build;
 use crate::run::recording::{LIMITS, MACHINE, SETTINGS};
+use crate::run::{build, on_motors};
 use crate::settings::Settings;
 
 /// What the command does, for its manual page.
@@ -217,31 +217,43 @@ fn servo_of(source: &ReplaySource, path: &Path) -> anyhow::Result<Servo> {
             };
             Rigging::Fixed(poses)
         }
-        None => {
-            let config = crate::twin::config(&settings)?;
+        None => Rigging::Motors(Box::new(motors_of(source, &settings, path)?)),
+    };
+    Servo::new(info, rigging, &of_servo).map_err(|e| fault::usage(e.to_string()).into())
+}
+
+/// The head of the recorded run, its axes where they were read then.
+fn motors_of(source: &ReplaySource, settings: &Settings, path: &Path) -> anyhow::Result<Motors> {
+    let (contents, info) = (source.contents(), source.info());
+    let config = crate::twin::config(settings)?;
+    let machine = contents.text(MACHINE).map(MachineCalibration::parse);
+    let machine = machine
+        .transpose()
+        .map_err(|e| fault::usage(format!("{}: {MACHINE}: {e}", path.display())))?;
+    let of_twin = contents.facts.get("kind").map(String::as_str) != Some("live");
+    let (geometry, control) = match &machine {
+        Some(machine) if !of_twin => on_motors::head_of(settings, machine, info.fps)?,
+        _ => {
             for (camera, recorded) in config.cameras.iter().zip(&info.cameras) {
                 fits(&camera.camera, recorded, "its settings", path)?;
             }
-            let control =
-                build::control_settings(&settings, &crate::rig::setup(&settings), &config)?;
-            let backlash = control.backlash_rad;
-            let limits = limits_of(source, path)?.unwrap_or_else(|| config.head.limits());
-            let controller = Controller::new(control, config.geometry, limits)
-                .map_err(|e| fault::usage(e.to_string()))?;
-            let drive = source.drive(limits);
-            let mut motors = Motors::new(config.geometry, drive, backlash, controller);
-            if let Some(text) = contents.text(MACHINE) {
-                let machine = MachineCalibration::parse(text)
-                    .map_err(|e| fault::usage(format!("{}: {MACHINE}: {e}", path.display())))?;
-                for (camera, recorded) in machine.cameras.iter().zip(&info.cameras) {
-                    fits(camera, recorded, MACHINE, path)?;
-                }
-                motors = motors.with_machine(machine, config.head.axes().map(|a| a.step_rad()));
-            }
-            Rigging::Motors(Box::new(motors))
+            let setup = crate::rig::setup(settings);
+            let control = build::control_settings(settings, &setup, &config)?;
+            (config.geometry, control)
         }
     };
-    Servo::new(info, rigging, &of_servo).map_err(|e| fault::usage(e.to_string()).into())
+    let backlash_rad = control.backlash_rad;
+    let limits = limits_of(source, path)?.unwrap_or_else(|| config.head.limits());
+    let controller =
+        Controller::new(control, geometry, limits).map_err(|e| fault::usage(e.to_string()))?;
+    let mut motors = Motors::new(geometry, source.drive(limits), backlash_rad, controller);
+    if let Some(machine) = machine {
+        for (camera, recorded) in machine.cameras.iter().zip(&info.cameras) {
+            fits(camera, recorded, MACHINE, path)?;
+        }
+        motors = motors.with_machine(machine, config.head.axes().map(|a| a.step_rad()));
+    }
+    Ok(motors)
 }
 
 /// What the axes of the recorded run could do, as their controller said; `None` when the recording does not tell: then the settings do.

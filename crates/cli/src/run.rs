@@ -5,6 +5,9 @@ mod check;
 mod feed;
 mod folder;
 pub(crate) mod live;
+mod log;
+mod of_twin;
+pub(crate) mod on_motors;
 mod panel;
 mod plot;
 mod record;
@@ -16,6 +19,7 @@ mod session;
 mod shown;
 mod statistics;
 mod still;
+mod stop;
 mod summary;
 mod unused;
 mod view;
@@ -26,11 +30,11 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use anyhow::Context as _;
-
 use crate::args::Global;
 use crate::output::{self, Format};
 use crate::rig::{self, RigFlags};
+
+pub(crate) use stop::Stop;
 
 /// What the command does, for its manual page.
 pub(crate) const LONG: &str = "\
@@ -48,8 +52,9 @@ With --source files: the same loop on a recorded pair, from folders of pictures 
 cameras cannot move, so vergence is electronic: each picture is turned by the homography by which a motor would have turned the camera, \
 and angles, disparity and parallax are those of the turned pair.
 
-With --source v4l2, rtsp or stream: the same on cameras as they see now, which stand still. Pairs are made by capture time; both eyes get the same exposure, gain, \
-white balance and focus; a camera that goes is waited for, and what happens to it is told at once.
+With --source v4l2, rtsp or stream: cameras as they see now. Pairs are made by capture time; both eyes get the same exposure, gain, \
+white balance and focus; a camera that goes is waited for, and what happens to it is told at once. Without --motors they stand still, and vergence is electronic as above. \
+With --motors (and the calibration of the machine) they stand on its axes: a camera that goes holds the axes, and a run that ends before it is back ends with exit code 1.
 
 The run leaves a folder RUNS/<UTC time>/ with summary.json, frames.csv (one row per frame), plot.svg and plot.png, target_left.png and target_right.png (the \
 target with its distance drawn in, and that distance checked against the calibration), for recorded pairs converged_left.png and converged_right.png, and a short \
@@ -65,12 +70,13 @@ Examples:
   vergence run --source files --left 'frames/left_*.jpg' --right 'frames/right_*.jpg' --calibration calib.json
   vergence run --source v4l2 --left /dev/video0 --right /dev/video2 --calibration rig.toml
   vergence run --source v4l2 --device /dev/video0 --calibration rig.toml
+  vergence run --source v4l2 --left /dev/video0 --right /dev/video2 --motors grbl:/dev/ttyUSB0 --home --calibration machine.toml
   vergence run --source rtsp --left rtsp://10.0.0.7/main --right rtsp://10.0.0.8/main --calibration rig.toml
   vergence run --source files --left left.mp4 --right right.mp4 --calibration rig.toml --target 300,200,80,220
 
 Paths: walk, cross, zigzag, stop-and-go, occlude, two, or a CSV file of waypoints (time_s,x_m,z_m or x_m,z_m,speed_m_s).
 --fast gives the same results as real time, bit for bit: the twin runs on simulated time, and wall time is only reported.
-Lengths of 1 px of disparity: 0.041 degrees of vergence; on the default screen 0.23 mm. Ctrl-C ends a run early and finishes its files.
+Lengths of 1 px of disparity: 0.041 degrees of vergence; on the default screen 0.23 mm. Ctrl-C ends a run early: axes first, then its files.
 docs/reference-run.md describes every field of summary.json and every column of frames.csv.";
 
 /// Where pairs come from.
@@ -150,7 +156,7 @@ pub(crate) struct RunArgs {
     /// Right pictures.
     #[arg(long, value_name = "PICTURES", help_heading = "Files")]
     right: Option<PathBuf>,
-    /// Calibration of the pair (any known format); of the twin the calibration of a machine, or `true` for its settings themselves [default
+    /// Calibration of the pair (any known format); of cameras on --motors that of the machine; of the twin the calibration of a machine, or `true` for its settings themselves [default
     /// of the twin: a calibration of it, as far as it is set as calibrated].
     #[arg(long, value_name = "FILE", help_heading = "Files")]
     calibration: Option<PathBuf>,
@@ -199,10 +205,13 @@ pub(crate) fn run(global: &Global, args: &RunArgs) -> anyhow::Result<()> {
     }
     let settings = global.settings(&flags)?;
     let mut built = build::from_args(args, &settings)?;
-    let stop = stop_on_signals()?;
+    let stop = Stop::listen()?;
+    if built.plan.live.is_none() {
+        stop.let_go()?;
+    }
     if args.rehearse {
         output::say("rendering the pictures of the run");
-        let rehearsed = rehearsal::rehearse(built, &stop)?;
+        let rehearsed = rehearsal::rehearse(built, stop.flag())?;
         built = rehearsal::with_pictures(build::from_args(args, &settings)?, rehearsed);
     }
     let outcome = session::run(built.feed, built.servo, &built.plan, &stop)?;
@@ -214,14 +223,9 @@ pub(crate) fn run(global: &Global, args: &RunArgs) -> anyhow::Result<()> {
     outcome.failure.map_or(Ok(()), Err)
 }
 
-/// A flag that Ctrl-C and SIGTERM set; a second one ends the program at once.
+/// A flag that Ctrl-C and SIGTERM set; a second one ends the program at once. For what moves nothing.
 pub(crate) fn stop_on_signals() -> anyhow::Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        // Order matters: on the second signal the flag is already set.
-        signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))
-            .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
-            .context("cannot listen for Ctrl-C")?;
-    }
-    Ok(stop)
+    let stop = Stop::listen()?;
+    stop.let_go()?;
+    Ok(Arc::clone(stop.flag()))
 }

@@ -21,8 +21,8 @@ use crate::source::{CameraState, SourceEvent, SourceEventKind};
 /// How long a camera is waited for at a time: so soon a thread that shall stop does.
 const WAIT: Duration = Duration::from_millis(100);
 
-/// Time until a camera that went is tried again: at first, and at most; it doubles from one to the next.
-const BACK_OFF: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(2)];
+/// Time until a camera that went is tried again: at first, and at most; it doubles from one to the next until a frame comes.
+pub(crate) const BACK_OFF: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(2)];
 
 /// Longest wait at a time: a clock that is told nonsense does not hold the loop.
 const LONGEST: Duration = Duration::from_secs(1);
@@ -239,6 +239,13 @@ pub(crate) struct Reader {
     pub(crate) gives: Gives,
     /// So many equal pictures are a frozen stream; 0 never asks.
     pub(crate) frozen_after: u32,
+    /// Taken off times by arrival, s.
+    pub(crate) delay_s: f64,
+    /// Since when the camera is gone, s on the run's clock. One that can be opened is back when it gives a frame: a program starts also where there is nothing
+    /// for it to fetch.
+    pub(crate) gone_s: Option<f64>,
+    /// Time until it is tried again.
+    pub(crate) wait: Duration,
     /// So long without a frame, and the camera is opened anew.
     pub(crate) silence: Duration,
     /// The same until the first frame of an opening, where that is longer.
@@ -278,7 +285,7 @@ impl Reader {
     /// Frame after frame, until the camera goes (why) or the thread shall stop (`None`).
     fn read(&mut self, mut camera: Box<dyn Camera>) -> Option<String> {
         let mut look = Look::new(self.frozen_after);
-        let mut stamps = Stamps::default();
+        let mut stamps = Stamps::with_delay(self.delay_s);
         let mut last_s = self.shared.clock.now_s();
         let mut limit_s = self.silence.max(self.start).as_secs_f64();
         self.begin(camera.fps());
@@ -298,6 +305,7 @@ impl Reader {
                 Ok(Got::Frame(taken)) => {
                     last_s = self.shared.clock.now_s();
                     limit_s = self.silence.as_secs_f64();
+                    self.tell_back();
                     self.take(taken, &mut look, &mut stamps);
                 }
                 Ok(Got::Torn { lost }) => {
@@ -400,14 +408,19 @@ impl Reader {
         }
     }
 
-    fn tell_gone(&self, reason: &str) {
+    fn tell_gone(&mut self, reason: &str) {
         let now_s = self.shared.clock.now_s();
+        let known = self.gone_s.is_some();
+        self.gone_s.get_or_insert(now_s);
         let mut state = self.shared.lock();
         for &eye in self.sides() {
             let side = &mut state.sides[eye as usize];
             side.state = CameraState::Gone;
-            side.counts.gone += 1;
+            side.counts.gone += u64::from(!known);
             side.queue.clear();
+        }
+        if known {
+            return;
         }
         let text = format!("{} went: {reason}", self.opener.name());
         state.event(now_s, self.gives.eye(), SourceEventKind::Gone, text);
@@ -415,12 +428,29 @@ impl Reader {
         self.shared.changed.notify_all();
     }
 
+    /// The camera gives frames: when it was gone, it is back.
+    fn tell_back(&mut self) {
+        self.wait = BACK_OFF[0];
+        let Some(from_s) = self.gone_s.take() else {
+            return;
+        };
+        let now_s = self.shared.clock.now_s();
+        let text = format!(
+            "{} is back after {:.1} s",
+            self.opener.name(),
+            now_s - from_s
+        );
+        let mut state = self.shared.lock();
+        for &eye in self.sides() {
+            state.sides[eye as usize].counts.back += 1;
+        }
+        state.event(now_s, self.gives.eye(), SourceEventKind::Back, text);
+    }
+
     /// Open the camera again, as often as it takes; `None` when the thread shall stop.
     fn reopen(&mut self) -> Option<Box<dyn Camera>> {
-        let [mut wait, longest] = BACK_OFF;
-        let from_s = self.shared.clock.now_s();
         loop {
-            let mut left = wait;
+            let mut left = self.wait;
             while !left.is_zero() {
                 if self.stopped() {
                     return None;
@@ -429,24 +459,13 @@ impl Reader {
                 std::thread::sleep(step);
                 left -= step;
             }
+            self.wait = (2 * self.wait).min(BACK_OFF[1]);
             let opener = &mut self.opener;
             let opened = catch_unwind(AssertUnwindSafe(|| opener.open()));
             let opened: Option<Result<_, CaptureError>> = opened.ok();
             if let Some(Ok(camera)) = opened {
-                let now_s = self.shared.clock.now_s();
-                let text = format!(
-                    "{} is back after {:.1} s",
-                    self.opener.name(),
-                    self.shared.clock.now_s() - from_s
-                );
-                let mut state = self.shared.lock();
-                for &eye in self.sides() {
-                    state.sides[eye as usize].counts.back += 1;
-                }
-                state.event(now_s, self.gives.eye(), SourceEventKind::Back, text);
                 return Some(camera);
             }
-            wait = (2 * wait).min(longest);
         }
     }
 }

@@ -132,6 +132,9 @@ pub struct LiveConfig {
     /// Largest time between the exposures of a pair, s, > 0. `None`: a fifth of a period around the steady offset, whatever that is. With a limit,
     /// exposures that are steadily further apart are no pairs.
     pub max_apart_s: Option<f64>,
+    /// What the shortest way from the middle of an exposure to here takes, s, 0 to 2: taken off the times of cameras that are not stamped by the machine's
+    /// clock, which nothing else tells it of.
+    pub delay_s: f64,
     /// So many equal pictures in a row are a frozen camera; 0 never asks. 15 for video devices, whose noise makes every picture another
     /// one. 0 for streams: what codes differences repeats a still scene bit for bit, and then only silence tells that a camera stands.
     pub frozen_after: u32,
@@ -158,6 +161,7 @@ impl LiveConfig {
             input,
             fps: None,
             max_apart_s: None,
+            delay_s: 0.0,
             frozen_after: match kind {
                 LiveKind::V4l2 => FROZEN_AFTER,
                 LiveKind::Rtsp | LiveKind::Stream => 0,
@@ -188,6 +192,13 @@ impl LiveConfig {
 
     pub(crate) fn check(&self) -> Result<(), CaptureError> {
         let limits = [
+            (
+                "delay_s",
+                self.delay_s,
+                0.0,
+                2.0,
+                "it must lie between 0 and 2 s",
+            ),
             (
                 "silence_s",
                 self.silence_s,

@@ -3,7 +3,7 @@
 //! A driver that stamps with the machine's monotonic clock needs nothing but the difference of two zeros. Everything else (the media clock of
 //! a network stream, a driver with a clock of its own, one that has wrapped) is related by when its frames arrive: a frame cannot arrive
 //! before it was taken, so the smallest difference of arrival and stamp seen lately is the difference of the clocks plus the shortest
-//! way. What the shortest way takes is not known and is left out: such times are late by it, equally for every frame.
+//! way. What the shortest way takes is not known; unless somebody has measured it ([`Stamps::with_delay`]) such times are late by it, equally for every frame.
 
 /// A difference that falls by more than this below the smallest one known is a jump of the clock, s: no way becomes so much shorter. One that grows may be
 /// a network that stood still: what comes then is old and shows an old stamp.
@@ -70,9 +70,19 @@ pub(crate) struct Stamps {
     since_s: f64,
     /// The stamp before.
     last_s: Option<f64>,
+    /// What the shortest way takes, as somebody measured it, s.
+    delay_s: f64,
 }
 
 impl Stamps {
+    /// For a camera whose pictures take `delay_s` at least: times by arrival are earlier by it.
+    pub(crate) fn with_delay(delay_s: f64) -> Self {
+        Self {
+            delay_s,
+            ..Self::default()
+        }
+    }
+
     /// The capture time of a frame that arrived at `arrival_s`.
     pub(crate) fn place(&mut self, stamp: Stamp, arrival_s: f64) -> Placed {
         match stamp {
@@ -83,11 +93,12 @@ impl Stamps {
             Stamp::Run(s) | Stamp::Own(s) if s.abs() < LARGEST_S => {
                 let changed = self.changed(ClockDomain::Own);
                 let jumped = self.relate(s, arrival_s);
-                placed(s + self.smallest_s(), ClockDomain::Own, changed || jumped)
+                let capture_s = s + self.smallest_s() - self.delay_s;
+                placed(capture_s, ClockDomain::Own, changed || jumped)
             }
             _ => {
                 let jumped = self.changed(ClockDomain::Arrival);
-                placed(arrival_s, ClockDomain::Arrival, jumped)
+                placed(arrival_s - self.delay_s, ClockDomain::Arrival, jumped)
             }
         }
     }
@@ -264,6 +275,19 @@ mod tests {
             assert_eq!(told.len(), 1, "{by_s}: {told:?}");
             assert_eq!(told[0] == 90, at_once, "{by_s}: {told:?}");
             assert!((last_s - 599.0 / 30.0).abs() < 0.006, "{by_s}: {last_s}");
+        }
+    }
+
+    /// A way that somebody has measured is taken off times by arrival, never off those of the machine's clock.
+    #[test]
+    fn a_known_way_is_taken_off() {
+        for (stamp, expected_s) in [
+            (Stamp::Run(1.99), 1.99),
+            (Stamp::Own(7.0), 1.9),
+            (Stamp::Arrival, 1.9),
+        ] {
+            let placed = Stamps::with_delay(0.1).place(stamp, 2.0);
+            assert_eq!(placed.capture_s, expected_s, "{stamp:?}");
         }
     }
 

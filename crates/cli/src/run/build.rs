@@ -1,27 +1,24 @@
 //! From flags and settings to a source, a loop and a plan; everything that can be refused is refused here.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
 
-use vergence_calib::{MachineCalibration, ReadOptions, RigCalibration};
-use vergence_capture::{FilesConfig, FilesSource, OnFault, RealClock, TwinConfig, TwinSource};
-use vergence_control::{
-    AutoThreshold, AxisName, AxisState, BoxedDrive, ControlSettings, Controller, Drive as _,
-    ModeRequest, ModeSettings,
-};
+use vergence_calib::{ReadOptions, RigCalibration};
+use vergence_capture::{FilesConfig, FilesSource, OnFault, TwinConfig};
+use vergence_control::{AutoThreshold, ControlSettings, ModeRequest, ModeSettings};
 use vergence_geometry::comfort::Rule;
 use vergence_geometry::planning::{self, Setup};
-use vergence_geometry::{Camera, HeadAngles, Screen, Viewer};
-use vergence_servo::{Motors, Rigging, Servo, ServoSettings, WatchSettings};
+use vergence_geometry::{Screen, Viewer};
+use vergence_servo::{Rigging, Servo, ServoSettings, WatchSettings};
 use vergence_track::{FollowSettings, PixelBox, Posture, TrackError, check_box};
 
 use crate::fault::{self, Fault};
-use crate::motors::{MotorsSpec, axis_word, state_word};
-use crate::output;
+use crate::motors::MotorsSpec;
 use crate::settings::Settings;
 use crate::settings::quantity::Dimension;
 
 use super::feed::Feed;
+use super::of_twin;
+use super::on_motors;
 use super::recording::RecordPlan;
 use super::session::{Live, Plan};
 use super::view::Screening;
@@ -47,47 +44,61 @@ pub(crate) fn from_args(args: &RunArgs, settings: &Settings) -> anyhow::Result<B
         record.target = args.target.clone();
     }
     let mut motors = None;
+    let file = || (args.calibration.as_deref()).map_or_else(String::new, |p| last_parts(p, 1));
     let (feed, servo, calibration) = match args.source {
         SourceKind::Twin => {
-            motors = live_motors(args, settings)?;
-            twin(
-                args,
-                settings,
-                &setup,
-                target,
-                motors.as_ref(),
-                record.as_mut(),
-            )?
+            motors = of_twin::motors(args, settings)?;
+            let record = record.as_mut();
+            of_twin::twin(args, settings, &setup, target, motors.as_ref(), record)?
         }
         SourceKind::Files => {
             let (feed, servo) = files(args, settings, target)?;
-            let file = args.calibration.as_deref().map(|p| last_parts(p, 1));
-            (feed, servo, file.unwrap_or_default())
+            (feed, servo, file())
         }
         SourceKind::V4l2 | SourceKind::Rtsp | SourceKind::Stream => {
-            let (feed, servo) = live(args, settings, target)?;
-            let file = args.calibration.as_deref().map(|p| last_parts(p, 1));
-            (feed, servo, file.unwrap_or_default())
+            let spec = camera_motors(args, settings)?;
+            let (feed, servo) = match spec {
+                MotorsSpec::Simulated => live(args, settings, target)?,
+                spec => {
+                    let record = record.as_mut();
+                    let (feed, servo, live) =
+                        on_motors::cameras(args, settings, target, &spec, record)?;
+                    motors = Some(live);
+                    (feed, servo)
+                }
+            };
+            (feed, servo, file())
         }
     };
+    let plan = plan(args, settings, &setup, &feed, (motors, calibration, record));
+    Ok(Built { feed, servo, plan })
+}
+
+/// What the run needs to know beside its source and its loop.
+fn plan(
+    args: &RunArgs,
+    settings: &Settings,
+    setup: &Setup,
+    feed: &Feed,
+    (motors, calibration, record): (Option<Live>, String, Option<RecordPlan>),
+) -> Plan {
     let twin = args.source == SourceKind::Twin;
-    let pitch_m = match &feed {
+    let pitch_m = match feed {
         Feed::Twin(_) => setup.sensor.pitch_m(),
         // Footage is shown as wide as the setup's sensor would be.
         Feed::Files(_) | Feed::Live(_) => {
             setup.sensor.width_m / feed.info().cameras[0].intrinsics.width as f64
         }
     };
-    let plan = Plan {
-        source: source_name(args, &feed),
+    Plan {
+        source: source_name(args, feed),
         real_time: !args.fast,
         rehearsed: false,
-        live: motors,
         home: args.home,
         headless: args.headless,
         seconds: settings.number_or_auto("run.seconds"),
         out: PathBuf::from(settings.word("run.out")),
-        mode: if twin {
+        mode: if twin || motors.is_some() {
             settings.word("run.mode")
         } else {
             "converged"
@@ -108,138 +119,9 @@ pub(crate) fn from_args(args: &RunArgs, settings: &Settings) -> anyhow::Result<B
             viewer: Viewer { ..setup.viewer },
         },
         record,
-    };
-    Ok(Built { feed, servo, plan })
+        live: motors,
+    }
 }
-
-fn twin(
-    args: &RunArgs,
-    settings: &Settings,
-    setup: &Setup,
-    target: Option<PixelBox>,
-    live: Option<&Live>,
-    record: Option<&mut RecordPlan>,
-) -> anyhow::Result<(Feed, Servo, String)> {
-    for (flag, given) in [
-        ("--left", args.left.is_some()),
-        ("--right", args.right.is_some()),
-        ("--cameras", args.cameras.is_some()),
-        ("--fps", args.fps.is_some()),
-        ("--unit", args.unit.is_some()),
-        ("--on-fault", args.on_fault.is_some()),
-    ] {
-        if given {
-            return Err(fault::usage(format!("{flag} has no meaning for the twin"))
-                .hint("add --source files to run on recorded pictures")
-                .into());
-        }
-    }
-    args.cameras_live.refuse("the twin")?;
-    let config = crate::twin::config(settings)?;
-    let camera = config.cameras[0].camera;
-    let (geometry, head) = (config.geometry, config.head);
-    let (machine, calibration) = match live {
-        None => believed(args, &config)?,
-        // The cameras stand where the controller says: there is nothing to calibrate.
-        Some(_) => (None, "true".to_owned()),
-    };
-    let (machine, machine_text) = machine.unzip();
-    check_target(target, &camera)?;
-    let control = control_settings(settings, setup, &config)?;
-    let mut source = TwinSource::new(config).map_err(|e| fault::usage(e.to_string()))?;
-    if let Some(live) = live {
-        let motors = live.drive.clone();
-        // A controller that homes or is silent says nothing: its cameras are pictured where it last said that they were.
-        let last = Mutex::new(HeadAngles::default());
-        let standing = Arc::new(move |at_s| {
-            let mut last = last.lock().unwrap_or_else(PoisonError::into_inner);
-            *last = motors.angles_at(at_s).unwrap_or(*last);
-            Ok(*last)
-        });
-        source = source.on_motors(standing, live.clock.clone());
-    }
-    let backlash = control.backlash_rad;
-    let drive: BoxedDrive = match live {
-        None => source.head().drive(),
-        Some(live) => Box::new(live.drive.clone()),
-    };
-    let controller = Controller::new(control, geometry, drive.limits())
-        .map_err(|e| fault::usage(e.to_string()))?;
-    let drive = match record {
-        Some(record) => {
-            record.machine = machine_text;
-            record.limits = Some(drive.limits());
-            record.tape.beside(drive)
-        }
-        None => drive,
-    };
-    let mut motors = Motors::new(geometry, drive, backlash, controller);
-    let feed = Feed::Twin(Box::new(source));
-    let mut info = feed.info().clone();
-    if let Some(machine) = machine {
-        info.cameras = machine.cameras;
-        motors = motors.with_machine(machine, head.axes().map(|axis| axis.step_rad()));
-    }
-    let servo = Servo::new(
-        &info,
-        Rigging::Motors(Box::new(motors)),
-        &ServoSettings {
-            target,
-            watch: watch(settings),
-            ..ServoSettings::default()
-        },
-    )
-    .map_err(|e| fault::usage(e.to_string()))?;
-    Ok((feed, servo, calibration))
-}
-
-/// The controller that the settings name, ready to move; `None` for the simulated axes.
-fn live_motors(args: &RunArgs, settings: &Settings) -> anyhow::Result<Option<Live>> {
-    let spec = MotorsSpec::from_settings(settings)?;
-    if spec == MotorsSpec::Simulated {
-        if args.home {
-            return Err(
-                fault::usage("--home has no meaning with simulated axes: they are homed").into(),
-            );
-        }
-        return Ok(None);
-    }
-    for (given, flag) in [
-        (args.fast, "--fast"),
-        (args.rehearse, "--rehearse"),
-        (args.calibration.is_some(), "--calibration"),
-    ] {
-        if given {
-            return Err(
-                fault::usage(format!("{flag} has no meaning with {}", spec.text()))
-                    .hint("real motors take their time; the twin on them stands where they say")
-                    .into(),
-            );
-        }
-    }
-    let drive = spec.open(settings)?;
-    for (axis, state) in AxisName::ALL.into_iter().zip(drive.states()) {
-        let unhomed = state == AxisState::Unhomed && !args.home;
-        if unhomed || state == AxisState::Fault {
-            return Err(fault::failed(format!(
-                "{}: axis {} cannot follow: {}",
-                spec.text(),
-                axis_word(axis),
-                state_word(state)
-            ))
-            .hint(format!(
-                "add --home to let the axes look for their zeros first, or run vergence home --motors {}",
-                spec.text()
-            ))
-            .into());
-        }
-    }
-    let clock = RealClock::since(drive.begin());
-    Ok(Some(Live { drive, clock }))
-}
-
-/// What `vergence calibrate --twin` made of the twin as it is by default; the loop believes this, not the truth.
-const CALIBRATED_TWIN: &str = include_str!("../../data/twin_machine.toml");
 
 /// The settings of the controller of such a rig, in a run as in its replay.
 pub(crate) fn control_settings(
@@ -261,49 +143,6 @@ pub(crate) fn control_settings(
     })
 }
 
-/// A machine's calibration, and the file that it was read from: what a recording keeps of it.
-type Believed = (MachineCalibration, String);
-
-/// Largest calibration of a machine that is read, bytes.
-const LARGEST_MACHINE: u64 = 1 << 20;
-
-/// What the loop believes of the twin: the machine's calibration (`None` for the settings themselves, which are the truth), and what a summary
-/// calls it. A twin with other cameras, dimensions or axes than the calibrated one is believed to be as it is set.
-fn believed(args: &RunArgs, config: &TwinConfig) -> anyhow::Result<(Option<Believed>, String)> {
-    if let Some(path) = &args.calibration {
-        if path.as_os_str() == "true" {
-            return Ok((None, "true".to_owned()));
-        }
-        let text = output::read_text(path, "calibration", LARGEST_MACHINE)?;
-        let machine = MachineCalibration::parse(&text)
-            .map_err(|e| fault::usage(format!("{e}: {}", path.display())))?;
-        let size = |camera: &Camera| (camera.intrinsics.width, camera.intrinsics.height);
-        let (wanted, given) = (size(&config.cameras[0].camera), size(&machine.cameras[0]));
-        if wanted != given {
-            return Err(fault::usage(format!(
-                "{} is for pictures of {}x{}, the twin takes {}x{}",
-                path.display(),
-                given.0,
-                given.1,
-                wanted.0,
-                wanted.1
-            ))
-            .hint("calibrate this twin: vergence calibrate --twin with the same settings")
-            .into());
-        }
-        return Ok((Some((machine, text)), last_parts(path, 1)));
-    }
-    let usual = TwinConfig::default();
-    let same_cameras = (0..2).all(|i| config.cameras[i].camera == usual.cameras[i].camera);
-    if same_cameras && config.geometry == usual.geometry && config.head == usual.head {
-        let machine =
-            MachineCalibration::parse(CALIBRATED_TWIN).map_err(|e| fault::failed(e.to_string()))?;
-        let text = CALIBRATED_TWIN.to_owned();
-        return Ok((Some((machine, text)), "calibrated".to_owned()));
-    }
-    Ok((None, "true".to_owned()))
-}
-
 /// What a person calls the source: files by their names, without the folders they lie in, since a summary is passed on.
 fn source_name(args: &RunArgs, feed: &Feed) -> String {
     let (Some(left), Some(right), SourceKind::Files) = (&args.left, &args.right, args.source)
@@ -321,7 +160,7 @@ fn source_name(args: &RunArgs, feed: &Feed) -> String {
 }
 
 /// The last parts of a path or URL; of a URL without what may be secret: user, password, query.
-fn last_parts(path: &Path, count: usize) -> String {
+pub(super) fn last_parts(path: &Path, count: usize) -> String {
     let text = path.to_string_lossy();
     let text = if is_url(path) {
         text.split(['?', '#']).next().unwrap_or_default()
@@ -343,7 +182,7 @@ fn is_url(path: &Path) -> bool {
 
 /// The mode that was asked for; for `auto` with the distances between which this rig and this screen change over by the rule of the
 /// settings.
-fn mode_settings(settings: &Settings, setup: &Setup) -> anyhow::Result<ModeSettings> {
+pub(super) fn mode_settings(settings: &Settings, setup: &Setup) -> anyhow::Result<ModeSettings> {
     let request = match settings.word("run.mode") {
         "parallel" => ModeRequest::Parallel,
         "converged" => ModeRequest::Converged,
@@ -377,6 +216,27 @@ fn auto_threshold(id: &str, setup: &Setup) -> Result<AutoThreshold, Fault> {
         far_m: found.far_m,
         rule: name.to_owned(),
     })
+}
+
+/// What turns cameras that see now: nothing (`simulated`), or a controller.
+fn camera_motors(args: &RunArgs, settings: &Settings) -> anyhow::Result<MotorsSpec> {
+    let spec = MotorsSpec::from_settings(settings)?;
+    if spec != MotorsSpec::Simulated {
+        return Ok(spec);
+    }
+    if args.motors.is_some() {
+        return Err(fault::usage("simulated motors turn no real camera")
+            .hint("name the controller that does, or leave --motors out: then the cameras stand still, and vergence is electronic")
+            .into());
+    }
+    if args.home {
+        return Err(
+            fault::usage("--home has no meaning for cameras that stand still")
+                .hint("--motors CONTROLLER names what turns them")
+                .into(),
+        );
+    }
+    Ok(spec)
 }
 
 /// Cameras as they see now, which stand still.
@@ -439,9 +299,16 @@ fn files(
     settings: &Settings,
     target: Option<PixelBox>,
 ) -> anyhow::Result<(Feed, Servo)> {
+    for (flag, given) in [("--motors", args.motors.is_some()), ("--home", args.home)] {
+        if given {
+            return Err(fault::usage(format!(
+                "{flag} has no meaning for recorded pictures: what their cameras saw is over, and no motor changes it"
+            ))
+            .hint("--source v4l2, rtsp or stream runs on cameras as they see now, without --source the twin's cameras are turned")
+            .into());
+        }
+    }
     for (flag, given) in [
-        ("--motors", args.motors.is_some()),
-        ("--home", args.home),
         ("--path", args.path.is_some()),
         ("--seed", args.seed.is_some()),
         ("--light", args.light.is_some()),
@@ -543,7 +410,10 @@ pub(crate) fn box_from_text(text: &str) -> Result<PixelBox, Fault> {
     Ok(PixelBox { x, y, w, h })
 }
 
-fn check_target(target: Option<PixelBox>, camera: &vergence_geometry::Camera) -> Result<(), Fault> {
+pub(super) fn check_target(
+    target: Option<PixelBox>,
+    camera: &vergence_geometry::Camera,
+) -> Result<(), Fault> {
     let k = &camera.intrinsics;
     let Some(target) = target else {
         return Ok(());

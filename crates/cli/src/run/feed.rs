@@ -125,7 +125,7 @@ impl Feed {
         }
     }
 
-    /// How old pairs are when they come, s: as the twin is set; of cameras that stand still nobody asks.
+    /// How old pairs are when they come, s: as the twin is set; of cameras that see now as measured so far.
     pub(crate) fn latency_s(&self) -> f64 {
         match self {
             Feed::Twin(twin) => {
@@ -135,7 +135,12 @@ impl Feed {
                     .max(config.cameras[1].exposure_s);
                 exposure_s / 2.0 + config.latency_s + config.latency_jitter_s
             }
-            Feed::Files(_) | Feed::Live(_) => 0.0,
+            Feed::Live(live) => {
+                let seen = live.statistics();
+                let [left, right] = [&seen.left, &seen.right].map(|c| c.latency.median_s);
+                left.max(right)
+            }
+            Feed::Files(_) => 0.0,
         }
     }
 

@@ -2,13 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use vergence_calib::{ReadOptions, RigCalibration};
+use vergence_calib::{MachineCalibration, ReadOptions, RigCalibration};
 use vergence_capture::live::{LiveKind, PixelFormat, Transport, V4l2Controls};
 use vergence_capture::{LiveConfig, LiveInput, LiveRig, LiveSource, RealClock};
 
 use crate::fault::{self, Fault};
+use crate::output;
 use crate::settings::quantity::Dimension;
 
+use super::on_motors::LARGEST_MACHINE;
 use super::{RunArgs, SourceKind};
 
 /// How a video device sends its pictures.
@@ -54,6 +56,9 @@ pub(crate) struct CameraFlags {
     /// Largest time between the exposures of a pair [default: a fifth of a frame around the steady offset].
     #[arg(long, value_name = "TIME")]
     max_apart: Option<String>,
+    /// How long pictures take from the middle of the exposure to here at least, for cameras that this machine's clock does not stamp [default: 0s].
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    delay: Option<String>,
     /// So many equal pictures in a row are a frozen camera, 0 never asks [default: 15 for video devices, 0 for streams, which repeat a still scene bit for bit].
     #[arg(long, value_name = "N")]
     frozen_after: Option<u32>,
@@ -74,6 +79,7 @@ impl CameraFlags {
             ("--focus", self.focus.is_some()),
             ("--leave-controls", self.leave_controls),
             ("--max-apart", self.max_apart.is_some()),
+            ("--delay", self.delay.is_some()),
             ("--frozen-after", self.frozen_after.is_some()),
             ("--udp", self.udp),
         ];
@@ -142,15 +148,21 @@ impl CameraFlags {
             config.fps = Some(super::build::rate_from_text(text, "--fps")?);
         }
         if let Some(text) = self.max_apart.as_deref() {
-            let wrong = |why: &str| {
-                fault::usage(format!("--max-apart '{text}': {why}"))
-                    .hint("write a time, for example 5ms")
-            };
-            let limit_s = Dimension::Time.parse(text).map_err(|e| wrong(&e))?;
-            if !(limit_s > 0.0 && limit_s <= 1.0) {
-                return Err(wrong("must be greater than 0 and at most 1 s"));
-            }
+            let limit_s = time(
+                text,
+                "--max-apart",
+                |s| s > 0.0 && s <= 1.0,
+                "greater than 0 and at most 1 s",
+            )?;
             config.max_apart_s = Some(limit_s);
+        }
+        if let Some(text) = self.delay.as_deref() {
+            config.delay_s = time(
+                text,
+                "--delay",
+                |s| (0.0..=2.0).contains(&s),
+                "between 0 and 2 s",
+            )?;
         }
         if let Some(pictures) = self.frozen_after {
             config.frozen_after = pictures;
@@ -176,19 +188,42 @@ impl CameraFlags {
     }
 }
 
-/// Open the cameras that the flags name.
+/// A time as typed, s; `right` says in words what `fits` asks for.
+fn time(text: &str, flag: &str, fits: impl Fn(f64) -> bool, right: &str) -> Result<f64, Fault> {
+    let wrong = |why: &str| {
+        fault::usage(format!("{flag} '{text}': {why}")).hint("write a time, for example 5ms")
+    };
+    let seconds = Dimension::Time.parse(text).map_err(|e| wrong(&e))?;
+    match fits(seconds) {
+        true => Ok(seconds),
+        false => Err(wrong(&format!("must be {right}"))),
+    }
+}
+
+/// Open the cameras that the flags name, which stand still.
 pub(crate) fn source(args: &RunArgs, options: &ReadOptions<'_>) -> anyhow::Result<LiveSource> {
     let config = config(args)?;
     let calibration = args.calibration.as_ref().ok_or_else(|| {
         fault::usage("cameras need --calibration").hint("vergence calibrate makes one")
     })?;
+    if output::read_text(calibration, "calibration", LARGEST_MACHINE)
+        .is_ok_and(|text| MachineCalibration::is_one(&text))
+    {
+        return Err(fault::usage(format!(
+            "{} is the calibration of a machine: nothing says where its motors stand",
+            calibration.display()
+        ))
+        .hint("--motors CONTROLLER names what turns them; cameras that stand still need the calibration of a pair")
+        .into());
+    }
     let rig = RigCalibration::read_with(&[calibration.as_path()], options)
         .map_err(|e| fault::usage(e.to_string()))?;
     let opened = LiveSource::open(&config, LiveRig::Fixed(&rig), &RealClock::new());
     Ok(opened.map_err(|e| fault::failed(e.to_string()))?)
 }
 
-fn config(args: &RunArgs) -> Result<LiveConfig, Fault> {
+/// What the flags say of the cameras.
+pub(super) fn config(args: &RunArgs) -> Result<LiveConfig, Fault> {
     let kind = match args.source {
         SourceKind::Rtsp => LiveKind::Rtsp,
         SourceKind::Stream => LiveKind::Stream,
@@ -204,14 +239,6 @@ fn config(args: &RunArgs) -> Result<LiveConfig, Fault> {
     ] {
         if given {
             return Err(fault::usage(format!("{flag} has no meaning for cameras")));
-        }
-    }
-    for (flag, given) in [("--motors", args.motors.is_some()), ("--home", args.home)] {
-        if given {
-            return Err(fault::usage(format!(
-                "{flag} cannot be used with cameras yet: they stand still, as their calibration says"
-            ))
-            .hint("vergence run --motors CONTROLLER turns the motors with the twin's cameras"));
         }
     }
     let [left, right] = [&args.left, &args.right].map(Option::as_deref);

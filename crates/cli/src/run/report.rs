@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::session::Outcome;
-use super::statistics::Spread;
+use super::statistics::{Quantiles, Spread};
 use super::summary::Summary;
 use vergence_capture::LiveStatistics;
 use vergence_capture::live::{CameraStatistics, ClockDomain};
@@ -66,27 +66,8 @@ pub(crate) fn text_of(outcome: &Outcome) -> String {
         );
         line("mode", &text);
     }
-    if let Some(latency) = s.latency_ms {
-        let text = format!(
-            "{:.1} ms median, {:.1} ms p95, {:.1} ms p99",
-            latency.p50, latency.p95, latency.p99
-        );
-        line(
-            "latency",
-            &format!("{text}, capture to setpoint (rendering not counted)"),
-        );
-    }
-    if let Some(total) = s.stage_ms.get("loop") {
-        let stages: Vec<String> = s
-            .stage_ms
-            .iter()
-            .filter(|(name, _)| **name != "loop")
-            .map(|(name, q)| format!("{name} {:.1}", q.p50))
-            .collect();
-        line(
-            "loop",
-            &format!("{:.1} ms a pair ({})", total.p50, stages.join(", ")),
-        );
+    for (label, text) in s.latency_ms.iter().map(|l| latency(s, l)).chain(stages(s)) {
+        line(label, &text);
     }
     for (label, text) in s.cameras.iter().flat_map(cameras) {
         line(label, &text);
@@ -98,6 +79,30 @@ pub(crate) fn text_of(outcome: &Outcome) -> String {
         line("failed", failed);
     }
     out
+}
+
+/// From capture to setpoint.
+fn latency(s: &Summary, latency: &Quantiles) -> (&'static str, String) {
+    let rendered = match s.cameras {
+        Some(_) => "",
+        None => " (rendering not counted)",
+    };
+    let text = format!(
+        "{:.1} ms median, {:.1} ms p95, {:.1} ms p99, capture to setpoint{rendered}",
+        latency.p50, latency.p95, latency.p99
+    );
+    ("latency", text)
+}
+
+/// What the loop's stages took.
+fn stages(s: &Summary) -> Option<(&'static str, String)> {
+    let total = s.stage_ms.get("loop")?;
+    let stages: Vec<String> = (s.stage_ms.iter())
+        .filter(|(name, _)| **name != "loop")
+        .map(|(name, q)| format!("{name} {:.1}", q.p50))
+        .collect();
+    let text = format!("{:.1} ms a pair ({})", total.p50, stages.join(", "));
+    Some(("loop", text))
 }
 
 /// Each live camera and what the two are to each other.

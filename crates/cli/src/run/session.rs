@@ -1,35 +1,23 @@
 //! One run from the first pair to the last: the loop, its pace, its records, and how it ends.
 
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use vergence_capture::{Clock as _, Next, RealClock, StereoFrame};
-use vergence_control::supervisor::Decision;
-use vergence_control::{DriveEvent, LiveDrive, RigState, SupervisorSettings};
-use vergence_servo::{Conductor, HealthNote, Servo, Stage, Step, Stopwatch};
+use vergence_control::{LiveDrive, SupervisorSettings};
+use vergence_servo::{Conductor, Servo};
 
 use super::feed::Feed;
-use super::folder::{RunFolder, epoch_ns};
-use super::panel::Panel;
-use super::plot::Thinned;
-use super::record::Row;
-use super::recording::{About, Lag, RecordPlan, Recording, RecordingSummary};
-use super::sample::{Sample, Small};
-use super::shown::Electronic;
-use super::still::{Scene, Still};
-use super::summary::{Change, Facts, MOST_EVENTS, Rows, Summary, Wall};
-use super::unused::Unused;
-use super::view::{Screening, row_from_step};
-use super::watched::Watched;
+use super::folder::RunFolder;
+use super::log::Log;
+use super::recording::{RecordPlan, RecordingSummary};
+use super::stop::Stop;
+use super::summary::Summary;
+use super::view::Screening;
 use super::words::Words;
 
 /// The stated time from the arrival of a pair to its setpoints in a simulated run, s: what the loop takes on two cores with
 /// some to spare. A fixed figure, so that a run does not depend on how fast the machine is.
 const PROCESSING_S: f64 = 0.010;
-
-/// So many of the last decisions are told after a fault.
-const DECISIONS_TOLD: usize = 12;
 
 /// Motors that are not simulated, with the clock that they and the run share.
 pub(crate) struct Live {
@@ -94,7 +82,7 @@ pub(crate) fn run(
     mut feed: Feed,
     servo: Servo,
     plan: &Plan,
-    stop: &Arc<AtomicBool>,
+    stop: &Stop,
 ) -> anyhow::Result<Outcome> {
     // The first pair before the folder: a source that cannot start leaves nothing behind.
     let first = feed.next_pair(None)?;
@@ -118,37 +106,14 @@ pub(crate) fn run(
         &mut folder,
         &mut log,
     );
-    // The axes before everything else: files can wait.
-    let sound = conductor.state().may_move();
-    let may_park = || sound && !stop.load(Ordering::Relaxed);
-    let live = plan.live.as_ref();
-    log.facts.rest = feed.bring_to_rest(conductor.servo_mut(), live, &may_park);
-    log.panel.clear();
-    let on_the_way = (conductor.servo_mut().drive_mut()).map_or_else(Vec::new, |d| d.take_events());
-    let rig = log.take_rig(&mut conductor);
-    log.take_drive_events(&on_the_way);
-    let ended = ended.and(rig);
-    let servo = conductor.servo_mut();
-    if let Some(note) = servo.last_look() {
-        let now_s = log.rows.last_s();
-        log.take_health(note, now_s);
-    }
-    if let Some(sentence) = log.watched.silence() {
-        crate::output::say(&sentence);
-    }
-    log.facts.health = std::mem::take(&mut log.watched).summary();
-    log.facts.limit_violations = feed.limit_violations(live);
-    log.facts.dropped_pairs = feed.dropped_pairs();
-    log.facts.remarks = feed.remarks();
-    log.facts.cameras = feed.statistics();
-    log.facts.interrupted = stop.load(Ordering::Relaxed);
-    log.facts.recording = log.recording.take().map(Recording::finish);
-    let lacking = log
-        .facts
-        .recording
-        .as_ref()
-        .and_then(RecordingSummary::lacking);
-    match ended {
+    let rig = rest(&feed, &mut conductor, plan, stop, &mut log);
+    // Nothing moves any more: who will not wait for the files need not.
+    stop.let_go()?;
+    log.take_facts(&feed, &mut conductor, plan);
+    log.facts.interrupted = stop.is_asked();
+    let lacking = (log.facts.recording.as_ref()).and_then(RecordingSummary::lacking);
+    let servo = conductor.servo();
+    match ended.and(rig) {
         Ok(()) => {
             let mut outcome = finish(folder, log, servo, None)?;
             outcome.failure = outcome.failure.or(lacking.map(Into::into));
@@ -166,13 +131,36 @@ pub(crate) fn run(
     }
 }
 
+/// The axes before everything else, files can wait: they stop, and park unless a person stopped the run or the rig was not sound. What became of the rig.
+fn rest(
+    feed: &Feed,
+    conductor: &mut Conductor,
+    plan: &Plan,
+    stop: &Stop,
+    log: &mut Log,
+) -> anyhow::Result<()> {
+    let sound = conductor.state().may_move();
+    let may_park = || sound && !stop.is_asked();
+    let live = plan.live.as_ref();
+    if live.is_some() && may_park() {
+        log.panel.clear();
+        crate::output::say("the axes stop and park; Ctrl-C leaves them where they are then");
+    }
+    log.facts.rest = feed.bring_to_rest(conductor.servo_mut(), live, &may_park);
+    log.panel.clear();
+    let on_the_way = (conductor.servo_mut().drive_mut()).map_or_else(Vec::new, |d| d.take_events());
+    let rig = log.take_rig(feed, conductor);
+    log.take_drive_events(&on_the_way);
+    rig
+}
+
 /// Pair after pair, until the end or an error.
 fn follow(
     feed: &mut Feed,
     conductor: &mut Conductor,
     first: Option<StereoFrame>,
     plan: &Plan,
-    stop: &Arc<AtomicBool>,
+    stop: &Stop,
     folder: &mut RunFolder,
     log: &mut Log,
 ) -> anyhow::Result<()> {
@@ -187,23 +175,22 @@ fn follow(
     while let Some(pair) = next.take() {
         let start_s = *first_s.get_or_insert(pair.capture_s());
         let elapsed_s = pair.capture_s() - start_s;
-        if stop.load(Ordering::Relaxed) {
-            conductor.stop(given_s(&pair), "Ctrl-C or SIGTERM");
+        if stop.is_asked() {
+            conductor.stop(due_s(feed, plan, &pair), "Ctrl-C or SIGTERM");
             break;
         }
         if plan.seconds.is_some_and(|limit| elapsed_s >= limit) {
             break;
         }
         if let Some(words) = &words {
-            words.obey(conductor, pair.arrival_s());
+            words.obey(conductor, due_s(feed, plan, &pair));
         }
-        let mut now_s = feed.now_s().unwrap_or(given_s(&pair));
         if plan.live.is_some() {
             log.keep_pace(&mut clock, pair.arrival_s(), feed.info().fps);
-            now_s = now_s.max(clock.now_s() + PROCESSING_S);
         } else if plan.real_time && feed.now_s().is_none() {
             log.keep_pace(&mut clock, elapsed_s, feed.info().fps);
         }
+        let now_s = due_s(feed, plan, &pair);
         // How long the pair has lain there. Where pictures are made between pairs, none waits for the loop.
         log.waited_s = match feed.now_s() {
             Some(at_s) => (at_s - pair.arrival_s()).max(0.0),
@@ -222,8 +209,12 @@ fn follow(
         }
         log.tell_changes(conductor);
         log.wall.total_s = clock.now_s();
-        let until_s = plan.seconds.map(|limit| start_s + limit);
-        next = wait_for_pair(feed, conductor, pair, (stop, until_s), log)?;
+        let until = Until {
+            stop,
+            over_s: plan.seconds.map(|limit| start_s + limit),
+            words: words.as_ref(),
+        };
+        next = wait_for_pair(feed, conductor, pair, &until, log)?;
     }
     log.wall.total_s = clock.now_s();
     log.wall.cpu_s = cpu_s() - worked_s;
@@ -236,13 +227,29 @@ fn cpu_s() -> f64 {
     time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }
 
-/// The next pair; while cameras give none, the rig is looked after. `None` at the end, when a person stops the run, or when its time (s on the
-/// run's clock) is over.
+/// When the setpoints after a pair are given, s on the run's clock. Never before an earlier one of the same run.
+fn due_s(feed: &Feed, plan: &Plan, pair: &StereoFrame) -> f64 {
+    let of_pair_s = feed.now_s().unwrap_or(given_s(pair));
+    match &plan.live {
+        Some(live) => of_pair_s.max(live.clock.now_s() + PROCESSING_S),
+        None => of_pair_s,
+    }
+}
+
+/// What ends the wait for a pair, and who may say something meanwhile.
+struct Until<'a> {
+    stop: &'a Stop,
+    /// The run's time is over then, s on its clock.
+    over_s: Option<f64>,
+    words: Option<&'a Words>,
+}
+
+/// The next pair; while cameras give none, the rig is looked after. `None` at the end, when a person stops the run, or when its time is over.
 fn wait_for_pair(
     feed: &mut Feed,
     conductor: &mut Conductor,
     used: StereoFrame,
-    (stop, until_s): (&AtomicBool, Option<f64>),
+    until: &Until<'_>,
     log: &mut Log,
 ) -> anyhow::Result<Option<StereoFrame>> {
     let mut used = Some(used);
@@ -257,12 +264,15 @@ fn wait_for_pair(
         let Some(now_s) = feed.now_s() else {
             continue;
         };
-        if stop.load(Ordering::Relaxed) {
+        if until.stop.is_asked() {
             conductor.stop(now_s, "Ctrl-C or SIGTERM");
             return Ok(None);
         }
-        if until_s.is_some_and(|until_s| now_s >= until_s) {
+        if until.over_s.is_some_and(|over_s| now_s >= over_s) {
             return Ok(None);
+        }
+        if let Some(words) = until.words {
+            words.obey(conductor, now_s);
         }
         conductor.note_pictures(feed.newest_s());
         conductor.look(now_s);
@@ -294,310 +304,6 @@ fn finish(
         folder,
         failure: failure.or(lacking),
     })
-}
-
-/// Everything that is kept of a run; bounded however long it is.
-struct Log {
-    rows: Rows,
-    drawn: Thinned,
-    wall: Wall,
-    facts: Facts,
-    electronic: Option<Electronic>,
-    sample: Sample,
-    still: Still,
-    panel: Panel,
-    watch: Stopwatch,
-    watched: Watched,
-    unused: Unused,
-    recording: Option<Recording>,
-    /// How long the newest pair lay there before the loop took it, s.
-    waited_s: f64,
-    /// Changes of state of the rig that are known not to be told.
-    forgotten: u64,
-}
-
-impl Log {
-    fn new(feed: &Feed, plan: &Plan) -> Self {
-        let info = feed.info();
-        let electronic = Electronic::new(info);
-        // Three pairs a second of the twin; every pair of footage, which is short or thinned out as it goes on.
-        let every = if electronic.is_some() {
-            1
-        } else {
-            (info.fps / 3.0).round() as u64
-        };
-        Self {
-            rows: Rows::default(),
-            drawn: Thinned::default(),
-            wall: Wall::default(),
-            facts: Facts {
-                source: plan.source.clone(),
-                mode: plan.mode.clone(),
-                seed: plan.seed,
-                calibration: plan.calibration.clone(),
-                real_time: plan.real_time,
-                ..Facts::default()
-            },
-            electronic,
-            sample: Sample::new(every),
-            still: Still::new(info.pairs),
-            panel: Panel::new(plan.headless),
-            watch: Stopwatch::start(),
-            watched: Watched::default(),
-            unused: Unused::default(),
-            recording: None,
-            waited_s: 0.0,
-            forgotten: 0,
-        }
-    }
-
-    /// Begin the recording; `started_s` is the run's time now where no clock of cameras tells it.
-    fn begin_recording(
-        &mut self,
-        folder: &RunFolder,
-        feed: &Feed,
-        servo: &Servo,
-        plan: &Plan,
-        started_s: f64,
-    ) -> anyhow::Result<()> {
-        let about = About {
-            source: &plan.source,
-            mode: &plan.mode,
-            seed: plan.seed,
-            calibration: &plan.calibration,
-            real_time: plan.real_time,
-            epoch_ns: match plan.real_time {
-                true => epoch_ns(feed.now_s().unwrap_or(started_s)),
-                false => 0,
-            },
-        };
-        if let Some(record) = &plan.record {
-            let recording = Recording::begin(folder.path(), record, &about, feed, servo)?;
-            self.recording = Some(recording);
-        }
-        Ok(())
-    }
-
-    /// Wait until the wall clock has reached the run's; a frame that comes more than one period late is counted.
-    fn keep_pace(&mut self, clock: &mut RealClock, elapsed_s: f64, fps: f64) {
-        if clock.now_s() > elapsed_s + 1.0 / fps {
-            self.wall.late_frames += 1;
-        }
-        clock.sleep_until(elapsed_s);
-    }
-
-    fn take(
-        &mut self,
-        feed: &Feed,
-        conductor: &Conductor,
-        pair: &StereoFrame,
-        step: Step,
-        plan: &Plan,
-    ) -> anyhow::Result<Row> {
-        let servo = conductor.servo();
-        if let Some(note) = step.health.clone() {
-            self.take_health(note, step.capture_s);
-        }
-        let turned = match &mut self.electronic {
-            Some(electronic) => Some(electronic.turn(&step)?),
-            None => None,
-        };
-        let scene = Scene {
-            agreement: step
-                .measured
-                .as_ref()
-                .and_then(|m| super::check::agreement(servo.cameras(), &step, m)),
-            shift_px: step.control.as_ref().map_or([0.0; 2], |c| c.shift_px),
-            turned,
-            step,
-        };
-        let row = row_from_step(feed.truth_of(&scene.step), &scene, &plan.screening);
-        let latency_s = self.take_times(&scene.step);
-        self.take_events(&scene.step);
-        let health = self.watched.brief();
-        let skew_s = feed
-            .now_s()
-            .map(|_| (pair.left.capture_s - pair.right.capture_s).abs());
-        self.panel
-            .show(&row, self.watch.elapsed_s(), (latency_s, skew_s), health);
-        self.rows.take(&row);
-        self.drawn.take(&row);
-        if let Some(recording) = &mut self.recording {
-            let lag = Lag {
-                offset_s: conductor.offset_s(),
-                waited_s: self.waited_s,
-            };
-            recording.take(pair, &scene.step, &row, lag);
-        }
-        self.take_pictures(pair, scene)?;
-        Ok(row)
-    }
-
-    /// Keep a pair that the loop did not use (too late, dark, frozen, or the rig may not move): the recording has it and the reason.
-    fn take_refused(&mut self, conductor: &Conductor, pair: &StereoFrame, now_s: f64) {
-        let offset_s = conductor.offset_s();
-        if let Some(recording) = &mut self.recording {
-            let reason = conductor.refusal().unwrap_or("the loop gave no reason");
-            recording.refused(pair, now_s + offset_s, offset_s, reason);
-        }
-    }
-
-    /// Keep what the controller did of itself.
-    fn take_drive_events(&mut self, events: &[DriveEvent]) {
-        if let Some(recording) = &mut self.recording {
-            events.iter().for_each(|e| recording.drive_event(e));
-        }
-    }
-
-    /// Note the wall times of a step; returns the time from capture to setpoint.
-    fn take_times(&mut self, step: &Step) -> f64 {
-        let latency_s = (step.arrival_s - step.capture_s) + self.waited_s + step.times.total_s();
-        self.wall.latency_s.add(latency_s);
-        let mut note = |name: &'static str, s: f64| {
-            self.wall.stages_s.entry(name).or_default().add(s);
-        };
-        for stage in Stage::ALL {
-            note(stage.name(), step.times.of(stage));
-        }
-        note("loop", step.times.total_s());
-        latency_s
-    }
-
-    /// Keep what a look at the rig said; a verdict that changes is told at once.
-    fn take_health(&mut self, note: HealthNote, now_s: f64) {
-        if let Some(sentence) = self.watched.take(note, now_s) {
-            self.panel.clear();
-            crate::output::say(&sentence);
-        }
-    }
-
-    /// Note what happened to the cameras, and tell it at once.
-    fn take_camera_events(&mut self, feed: &mut Feed) {
-        for event in feed.take_events() {
-            self.panel.clear();
-            crate::output::say(&format!("{:.2} s: {}", event.time_s, event.text));
-            if let Some(recording) = &mut self.recording {
-                recording.camera_event(&event);
-            }
-            self.facts.events_left_out += push(&mut self.facts.camera_events, event);
-        }
-        let (Some(now_s), Some(recording)) = (feed.now_s(), &mut self.recording) else {
-            return;
-        };
-        if self.unused.is_due(now_s)
-            && let Some(text) = feed.statistics().and_then(|s| self.unused.sentence(&s))
-        {
-            recording.unused(now_s, &text);
-        }
-    }
-
-    /// Note the rig's changes of state, and what its controller did; what stops it is told at once. After a fault the recording has all that was decided
-    /// before it.
-    fn tell_changes(&mut self, conductor: &mut Conductor) {
-        let events = conductor.take_events();
-        self.take_drive_events(&events);
-        let changes = conductor.take_changes();
-        let is_fault = |d: &Decision| d.change.is_some_and(|(_, to)| to == RigState::Fault);
-        if let Some(recording) = &mut self.recording
-            && changes.iter().any(is_fault)
-        {
-            recording.remembered(conductor.decisions());
-        }
-        let forgotten = conductor.forgotten_changes() - self.forgotten;
-        if let Some(first) = changes.first()
-            && forgotten > 0
-        {
-            self.forgotten += forgotten;
-            self.facts.events_left_out += forgotten;
-            if let Some(recording) = &mut self.recording {
-                recording.forgotten(forgotten, first.time_s);
-            }
-        }
-        for decision in changes {
-            if let Some(recording) = &mut self.recording {
-                recording.decided(&decision);
-            }
-            let Some((from, to)) = decision.change else {
-                continue;
-            };
-            if matches!(to, RigState::Holding | RigState::Fault) {
-                self.panel.clear();
-                let (to, text) = (to.name(), &decision.text);
-                crate::output::say(&format!("{to} at {:.2} s: {text}", decision.time_s));
-            }
-            let change = Change {
-                time_s: decision.time_s,
-                from: from.name(),
-                to: to.name(),
-                reason: decision.text,
-            };
-            self.facts.events_left_out += push(&mut self.facts.rig_changes, change);
-        }
-        self.facts.refused_pairs = conductor.refused_pairs();
-    }
-
-    /// What became of the rig; a run that ends in a fault has failed, and its last decisions are told.
-    fn take_rig(&mut self, conductor: &mut Conductor) -> anyhow::Result<()> {
-        self.tell_changes(conductor);
-        if conductor.state() != RigState::Fault {
-            return Ok(());
-        }
-        let decisions: Vec<_> = conductor.decisions().collect();
-        let newest = decisions.len().saturating_sub(DECISIONS_TOLD);
-        for decision in &decisions[newest..] {
-            crate::output::say(&format!("  {:8.3} s  {}", decision.time_s, decision.text));
-        }
-        let reason = (decisions.iter().rev())
-            .find(|d| d.change.is_some_and(|(_, to)| to == RigState::Fault))
-            .map_or("", |d| d.text.as_str());
-        Err(crate::fault::failed(format!("the rig ended in a fault: {reason}")).into())
-    }
-
-    fn take_events(&mut self, step: &Step) {
-        let facts = &mut self.facts;
-        if let Some(change) = &step.mode_change {
-            let change = Change {
-                time_s: change.time_s,
-                from: change.from.name(),
-                to: change.to.name(),
-                reason: change.reason.clone(),
-            };
-            facts.events_left_out += push(&mut facts.mode_changes, change);
-        }
-        if let Some(change) = step.control.as_ref().and_then(|c| c.transition.as_ref()) {
-            let change = Change {
-                time_s: change.time_s,
-                from: change.from.name(),
-                to: change.to.name(),
-                reason: change.reason.clone(),
-            };
-            facts.events_left_out += push(&mut facts.transitions, change);
-        }
-    }
-
-    fn take_pictures(&mut self, pair: &StereoFrame, scene: Scene) -> anyhow::Result<()> {
-        if self.sample.wants(pair.index) {
-            let taken = [&pair.left.picture, &pair.right.picture];
-            let small = match &scene.turned {
-                Some(turned) => Small::of(turned.pictures(taken)?.each_ref(), scene.shift_px),
-                None => Small::of(taken, scene.shift_px),
-            };
-            self.sample.keep(pair.index, small);
-        }
-        if self.still.wants(&scene.step, scene.turned.as_ref()) {
-            self.still.keep(pair, scene);
-        }
-        Ok(())
-    }
-}
-
-/// Add an event to a list that holds at most [`MOST_EVENTS`]; how many were left out, 0 or 1.
-fn push<T>(events: &mut Vec<T>, event: T) -> u64 {
-    if events.len() == MOST_EVENTS {
-        return 1;
-    }
-    events.push(event);
-    0
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Proves: a run that fails half-way stops its axes, keeps what cannot be had again, and says why. Does not look at pictures.
 use super::*;
 use vergence_capture::{TwinConfig, TwinSource};
-use vergence_control::{AxisName, ControlSettings, Controller, ModeRequest};
+use vergence_control::{AxisName, ControlSettings, Controller, DriveEvent, ModeRequest, RigState};
 use vergence_geometry::{Camera, Distortion, Intrinsics, Screen, Viewer};
 use vergence_scene::TwinCamera;
 use vergence_servo::{Motors, Rigging, ServoSettings};
@@ -65,7 +65,7 @@ fn plan(out: PathBuf, repeatable: bool) -> Plan {
 #[test]
 fn a_failing_axis_ends_the_run_safely() {
     let out = tempfile::tempdir().unwrap();
-    let stop = Arc::new(AtomicBool::new(false));
+    let stop = Stop::default();
     let (feed, servo) = rig(AxisName::Pan);
     let outcome = run(feed, servo, &plan(out.path().to_owned(), false), &stop).unwrap();
     let failure = outcome.failure.unwrap().to_string();
@@ -180,7 +180,8 @@ fn the_recording_has_what_the_loop_refused() {
 #[test]
 fn a_stopped_run_is_whole() {
     let out = tempfile::tempdir().unwrap();
-    let stop = Arc::new(AtomicBool::new(true));
+    let stop = Stop::default();
+    (stop.flag()).store(true, std::sync::atomic::Ordering::Relaxed);
     let (feed, servo) = rig(AxisName::Tilt);
     let outcome = run(feed, servo, &plan(out.path().to_owned(), false), &stop).unwrap();
     assert!(outcome.failure.is_none() && outcome.summary.interrupted);
