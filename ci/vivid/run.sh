@@ -1,6 +1,8 @@
 #!/usr/bin/env bash
 # Runs a program beside real video devices on a machine that has none: Debian's own kernel is started in QEMU with a small file system in
 # memory, `vivid` (the kernel's virtual video driver) makes two cameras and two outputs, the program runs there, and its exit status comes back.
+# `vhci-hcd` (the kernel's virtual USB host) and `uvcvideo` (its driver of USB cameras) are there, too: a program that speaks USB/IP on a socket is a
+# USB device, as the tests' own cameras are (crates/capture/tests/v4l2/uvc).
 #
 #   ci/vivid/run.sh PROGRAM [ARGUMENTS...]
 #
@@ -11,13 +13,13 @@
 # 70 MB to download, of which the kernel and some modules stay in ${XDG_CACHE_HOME:-~/.cache}/vergence-vivid.
 #
 # In the guest: /dev/video0 and /dev/video1 take pictures (input 0 a webcam, input 1 HDMI), /dev/video2 and /dev/video3 are the outputs of the
-# same two drivers. VIVID_SECONDS (default 100) is how long the guest may take. Variables that begin with VERGENCE_ are passed on; the folder
-# VERGENCE_TWIN_PICTURES is copied.
+# same two drivers; USB cameras come behind these, two nodes each. VIVID_SECONDS (default 150) is how long the guest may take. Variables that
+# begin with VERGENCE_ are passed on; the folder VERGENCE_TWIN_PICTURES is copied.
 # Exit status: the program's; 124 when it took too long, 125 when there is no guest or it died.
 set -euo pipefail
 
-[ $# -gt 0 ] || { sed -n '2,6p' "$0" >&2; exit 125; }
-seconds=${VIVID_SECONDS:-100}
+[ $# -gt 0 ] || { sed -n '2,8p' "$0" >&2; exit 125; }
+seconds=${VIVID_SECONDS:-150}
 cache=${XDG_CACHE_HOME:-$HOME/.cache}/vergence-vivid
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
@@ -40,11 +42,12 @@ if [ ${#missing[@]} -gt 0 ]; then
   apt-get install -y -qq --no-install-recommends "${missing[@]}" >"$work/apt" 2>&1 || { tail -5 "$work/apt" >&2; exit 125; }
 fi
 
-# The kernel. Whoever comes second waits for the one that fetches it.
+# The kernel. Whoever comes second waits for the one that fetches it. What is kept of it has a number, so that a folder with less is filled anew.
+ready=$cache/ready-2
 mkdir -p "$cache"
 exec 9>"$cache/lock"
 flock 9
-if [ ! -e "$cache/ready" ]; then
+if [ ! -e "$ready" ]; then
   kernel_package() {
     apt-cache depends linux-image-amd64 2>/dev/null | sed -n 's/.*Depends: \(linux-image-[^ ]*\).*/\1/p' | head -n 1
   }
@@ -54,12 +57,13 @@ if [ ! -e "$cache/ready" ]; then
   mkdir "$work/deb"
   (cd "$work/deb" && apt-get download -qq -o APT::Sandbox::User=root "$package" >&2)
   dpkg-deb --fsys-tarfile "$work"/deb/*.deb |
-    tar -x -C "$work/deb" --wildcards './boot/vmlinuz-*' './lib/modules/*/kernel/drivers/media' './lib/modules/*/kernel/drivers/video' \
-      './lib/modules/*/kernel/lib' './lib/modules/*/kernel/fs' './lib/modules/*/kernel/drivers/gpu' './lib/modules/*/modules.*'
+    tar -x -C "$work/deb" --wildcards './boot/vmlinuz-*' './lib/modules/*/modules.*' './lib/modules/*/kernel/lib' './lib/modules/*/kernel/fs' \
+      './lib/modules/*/kernel/drivers/media' './lib/modules/*/kernel/drivers/video' './lib/modules/*/kernel/drivers/gpu' \
+      './lib/modules/*/kernel/drivers/usb'
   depmod -b "$work/deb" "$(ls "$work/deb/lib/modules")"
   rm -rf "$cache/boot" "$cache/lib" "$work"/deb/*.deb
   mv "$work/deb/boot" "$work/deb/lib" "$cache/"
-  touch "$cache/ready"
+  touch "$ready"
 fi
 flock -u 9
 version=$(ls "$cache/lib/modules")
@@ -79,7 +83,8 @@ with_libraries() {
 with_libraries "$1"
 with_libraries "$(command -v v4l2-ctl)"
 strip "$root/bin/$(basename "$1")" 2>/dev/null || true
-modprobe -d "$cache" -S "$version" --show-depends vivid | sed -n 's/^insmod \([^ ]*\).*/\1/p' >"$work/order"
+modprobe -d "$cache" -S "$version" --show-depends -a vivid vhci-hcd uvcvideo | sed -n 's/^insmod \([^ ]*\).*/\1/p' |
+  awk '!seen[$0]++' >"$work/order"
 number=100
 while read -r module; do
   cp "$module" "$root/modules/$((number++))-$(basename "$module")"

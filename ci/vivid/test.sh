@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The tests of video devices, beside two of the kernel's own in a guest (run.sh). What follows goes to cargo; without anything:
+# The tests of video devices, beside two of the kernel's own and two USB cameras in a guest (run.sh). What follows goes to cargo; without anything:
 # -p vergence-capture --features v4l2.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)

@@ -2,7 +2,8 @@
 //!
 //! Buffers are mapped; each frame has the driver's time and number. What the number skips was lost in the driver, what is marked as damaged is
 //! counted and not used. The times are those of the monotonic clock. A driver stamps the start of the exposure or the end of the frame
-//! and says which; where the exposure is known the middle is worked out, and what is not known (how long reading out takes) is left in.
+//! and says which; where the exposure is known the middle is worked out, and what is not known (how long reading out takes) is left in. `uvcvideo`,
+//! the driver of USB cameras, says "start" of what it stamps when a frame's first data come, unless its `hwtimestamps` is on.
 
 mod controls;
 mod device;
@@ -127,6 +128,7 @@ impl V4l2Opener {
             stride,
             fps,
             exposure_s: self.locked.exposure_s(),
+            stamps_first_data: device::stamps_first_data(device, &name),
             zero_s: self.zero_s,
             last: None,
             streaming: false,
@@ -141,8 +143,8 @@ impl Opener for V4l2Opener {
     }
 
     fn open(&mut self) -> Result<Box<dyn Camera>, CaptureError> {
-        let there = self.stable.as_deref().filter(|path| path.exists());
-        let device = device::open(there.unwrap_or(&self.path))?;
+        // Where a place is known the number is not tried: after two were unplugged it may be the other eye's.
+        let device = device::open(self.stable.as_deref().unwrap_or(&self.path))?;
         let name = self.name();
         let fps = self.mode.set(&device, &name)?;
         self.complaints = self.locked.apply(&device, &name);
@@ -161,6 +163,8 @@ struct V4l2Camera {
     stride: usize,
     fps: Option<f64>,
     exposure_s: Option<f64>,
+    /// The driver's stamps of "the start of the exposure" are those of the first data that came.
+    stamps_first_data: bool,
     zero_s: f64,
     /// Number of the frame before.
     last: Option<u32>,
@@ -207,7 +211,7 @@ impl Camera for V4l2Camera {
         Ok(match picture {
             Some(picture) => Got::Frame(Taken {
                 picture,
-                stamp: stamp(meta, self.exposure_s, self.zero_s),
+                stamp: stamp(meta, self.exposure_s, self.stamps_first_data, self.zero_s),
                 lost,
                 print: fingerprint(bytes),
             }),
@@ -244,7 +248,12 @@ fn picture(mode: &Mode, stride: usize, bytes: &[u8], reuse: Option<Rgb>) -> Opti
 }
 
 /// The middle of the exposure as far as it is told.
-fn stamp(meta: &moq_v4l::buffer::Metadata, exposure_s: Option<f64>, zero_s: f64) -> Stamp {
+fn stamp(
+    meta: &moq_v4l::buffer::Metadata,
+    exposure_s: Option<f64>,
+    stamps_first_data: bool,
+    zero_s: f64,
+) -> Stamp {
     let told_s = meta.timestamp.sec as f64 + meta.timestamp.usec as f64 * 1e-6;
     let kind = meta.flags & Flags::TIMESTAMP_MASK;
     if told_s == 0.0 || kind == Flags::TIMESTAMP_COPY {
@@ -252,7 +261,8 @@ fn stamp(meta: &moq_v4l::buffer::Metadata, exposure_s: Option<f64>, zero_s: f64)
     }
     let half_s = exposure_s.unwrap_or(0.0) / 2.0;
     let start = meta.flags & Flags::TSTAMP_SRC_MASK == Flags::TSTAMP_SRC_SOE;
-    let middle_s = if start {
+    // Before the exposure has ended there is nothing to send.
+    let middle_s = if start && !stamps_first_data {
         told_s + half_s
     } else {
         told_s - half_s

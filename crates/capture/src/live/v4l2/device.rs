@@ -112,6 +112,17 @@ pub(super) fn open(path: &Path) -> Result<Device, CaptureError> {
     }))
 }
 
+/// Whether the driver stamps a frame when its first data come, and calls that the start of the exposure: `uvcvideo`, unless it is told to take the
+/// camera's own times (`uvc_video_decode_start` in `uvc_video.c` of Linux 6.1).
+pub(super) fn stamps_first_data(device: &Device, name: &str) -> bool {
+    let driver = guarded(name, || device.query_caps()).map(|caps| caps.driver);
+    if !driver.is_ok_and(|driver| driver == "uvcvideo") {
+        return false;
+    }
+    let told = std::fs::read_to_string("/sys/module/uvcvideo/parameters/hwtimestamps");
+    told.map_or(true, |told| told.trim() == "0")
+}
+
 /// The name by which a device is found again after it was plugged in again.
 pub(super) fn stable_name(path: &Path) -> Option<PathBuf> {
     let target = path.canonicalize().ok()?;
