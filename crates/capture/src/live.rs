@@ -57,6 +57,9 @@ use crate::source::{
 /// The offset is worked out anew after so many frames.
 const OFFSET_EVERY: u64 = 8;
 
+/// How long is waited for the first pair before it is asked whether anybody still wants it, s.
+const LOOK_S: f64 = 0.05;
+
 /// Changes of the offset below this part of a period are not followed: they are smaller than what pairing has to bear anyway.
 const OFFSET_STEP: f64 = 0.02;
 
@@ -119,6 +122,7 @@ pub struct LiveSource {
     remarks: Vec<String>,
     patience_s: f64,
     pairer: Pairer<LiveFrame>,
+    frozen_after: u32,
     /// Largest time between the exposures of a pair, s, where one was set.
     max_apart_s: f64,
     period_s: f64,
@@ -180,6 +184,7 @@ impl LiveSource {
             remarks: opened.remarks,
             patience_s: config.patience_s,
             pairer: Pairer::new(PairingLimits::for_fps(1.0))?,
+            frozen_after: config.frozen_after,
             max_apart_s: config.max_apart_s.unwrap_or(f64::INFINITY),
             period_s: 1.0,
             other_rate: 0,
@@ -563,6 +568,36 @@ impl Source for LiveSource {
 }
 
 impl LiveSource {
+    /// How often a picture must come again bit for bit until its camera counts as frozen; 0: never ([`LiveConfig::frozen_after`]).
+    pub fn frozen_after(&self) -> u32 {
+        self.frozen_after
+    }
+
+    /// [`Source::next_pair`] that can be given up: then `None`.
+    ///
+    /// # Errors
+    /// When no pair comes within [`LiveConfig::patience_s`].
+    pub fn next_pair_unless(
+        &mut self,
+        given_up: &dyn Fn() -> bool,
+    ) -> Result<Option<StereoFrame>, CaptureError> {
+        let until_s = self.shared.clock.now_s() + self.patience_s;
+        let stalls = self.stalls;
+        loop {
+            let now_s = self.shared.clock.now_s();
+            if let Some(pair) = self.wait_for_pair(until_s.min(now_s + LOOK_S), None) {
+                self.stalls = stalls;
+                return Ok(Some(pair));
+            }
+            if given_up() {
+                return Ok(None);
+            }
+            if now_s >= until_s {
+                return Err(self.silence());
+            }
+        }
+    }
+
     /// Why no pair came.
     fn silence(&self) -> CaptureError {
         let state = self.shared.lock();

@@ -1,8 +1,6 @@
 //! What `jog` and `home` share: asking before anything moves, showing where the axes are, and stopping at once.
 
 use std::io::{BufRead as _, IsTerminal as _, Write as _};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
@@ -12,6 +10,7 @@ use vergence_control::{AxisName, AxisState, Drive as _, Link, LiveDrive, stands}
 use crate::args::Global;
 use crate::fault::{self, Fault};
 use crate::motors::{MotorsSpec, axis_word, state_word};
+use crate::run::Stop;
 use crate::{output, rig};
 
 /// Between two looks at the axes; well within the watchdog of any controller.
@@ -43,7 +42,7 @@ pub(crate) struct AxisRecord {
 pub(crate) struct Hand {
     pub(crate) spec: MotorsSpec,
     pub(crate) live: LiveDrive,
-    stop: Arc<AtomicBool>,
+    stop: Stop,
     shown: Option<Instant>,
     line: bool,
 }
@@ -56,7 +55,7 @@ impl Hand {
         let settings = global.settings(&flags)?;
         let spec = MotorsSpec::from_settings(&settings)?;
         // From here on a Ctrl-C is heard.
-        let stop = crate::run::stop_on_signals()?;
+        let stop = Stop::listen()?;
         let live = spec.open(&settings)?;
         Ok(Self {
             spec,
@@ -190,7 +189,7 @@ impl Hand {
     }
 
     pub(crate) fn is_stopped(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        self.stop.is_asked()
     }
 
     /// Wait a little, show where the axes are, say what the controller says.
@@ -223,6 +222,8 @@ impl Hand {
             std::thread::sleep(LOOK);
         }
         self.clear_line();
+        // Who presses again from here on need not wait.
+        let _ = self.stop.let_go();
         let how = match self.stands() {
             true => "stopped: all axes stand",
             false => "stopped: but an axis still moves; press the emergency stop",

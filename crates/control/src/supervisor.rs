@@ -130,14 +130,14 @@ impl Default for SupervisorSettings {
 }
 
 impl SupervisorSettings {
-    /// For pairs that come every `period_s` and are `latency_s` old when they come: two and a half periods beside the latency are no doubt, however slow
-    /// the cameras are.
+    /// For pairs that come every `period_s` and are `latency_s` old when they come: two and a half periods are no doubt, of pictures beside the latency,
+    /// however slow the cameras are.
     #[must_use]
     pub fn for_pace(period_s: f64, latency_s: f64) -> Self {
         let usual = Self::default();
-        let pace_s = latency_s + 2.5 * period_s;
+        let pace_s = 2.5 * period_s;
         Self {
-            camera_stale_s: usual.camera_stale_s.max(pace_s),
+            camera_stale_s: usual.camera_stale_s.max(latency_s + pace_s),
             stall_s: usual.stall_s.max(pace_s),
             ..usual
         }

@@ -302,6 +302,7 @@ fn a_controller_that_is_kept_from_its_work_loses_nothing() {
         let (mut worst_deg, mut later_deg) = (0.0_f64, 0.0_f64);
         loop {
             let t = rig.live.now_s() - start_s;
+            // A third of the sine after 2.5 s: its steepest part is in it.
             if t > 3.3 {
                 break;
             }

@@ -33,6 +33,8 @@ pub struct Conductor {
     /// Homing was ordered, and the drive has not taken it yet.
     homing_due: bool,
     pictures_s: [Option<f64>; 2],
+    /// Whether what each camera gave last showed nothing: then it lives no longer, however new its pictures are.
+    blind: [bool; 2],
     following: Option<ControlState>,
     doubt: Option<String>,
     events: Vec<DriveEvent>,
@@ -61,6 +63,7 @@ impl Conductor {
             centring: None,
             homing_due: false,
             pictures_s: [None; 2],
+            blind: [false; 2],
             following: None,
             doubt: None,
             events: Vec::new(),
@@ -107,6 +110,7 @@ impl Conductor {
         self.refusal = match self.sentry.judge(pair, now_s) {
             Ok(faults) => {
                 for (eye, frame) in [&pair.left, &pair.right].into_iter().enumerate() {
+                    self.blind[eye] = faults[eye].is_some();
                     if faults[eye].is_none() {
                         self.pictures_s[eye] = Some(frame.capture_s);
                     }
@@ -154,10 +158,18 @@ impl Conductor {
         }
     }
 
-    /// The source gave no pair, but knows when each camera gave its newest picture, s on the run's clock.
+    /// How often a picture must come again bit for bit until its camera is frozen; 0: never. Video streams repeat a scene that stands still.
+    pub fn set_frozen_after(&mut self, pictures: u32) {
+        self.sentry.set_frozen_after(pictures);
+    }
+
+    /// The source gave no pair, but knows when each camera gave its newest picture, s on the run's clock. A camera whose last picture in a pair was
+    /// dark or frozen is not believed before a pair shows something.
     pub fn note_pictures(&mut self, newest_s: [Option<f64>; 2]) {
-        for (known, newest) in self.pictures_s.iter_mut().zip(newest_s) {
-            if let Some(newest_s) = newest.map(|s| s + self.steady.offset_s())
+        for (eye, newest) in newest_s.into_iter().enumerate() {
+            let known = &mut self.pictures_s[eye];
+            if !self.blind[eye]
+                && let Some(newest_s) = newest.map(|s| s + self.steady.offset_s())
                 && known.is_none_or(|known_s| newest_s > known_s)
             {
                 *known = Some(newest_s);

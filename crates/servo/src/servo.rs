@@ -152,6 +152,7 @@ impl Servo {
             let place = measured.as_ref().map(|m| self.place(&stance, m));
             if !self.is_given && self.target.is_blank(place.as_ref(), capture_s) {
                 self.follower.release();
+                self.target.forget();
                 report.sighting = None;
                 report.state = FollowState::Searching;
                 return None;

@@ -305,3 +305,41 @@ fn refusals_have_reasons() {
     let homing = reason(&mut conductor, pair(4, 0.0, 0.01), 0.0);
     assert_eq!(homing, "the rig is homing: no pair is used");
 }
+
+/// A camera under its cap, or one that gives the same again and again, lives no longer however new its pictures are: between pairs too, when the source says
+/// when it gave the newest. A source that repeats a still scene is believed when it says so.
+#[test]
+fn new_pictures_that_show_nothing_are_no_life() {
+    let state_after = |picture: fn(u64) -> StereoFrame, frozen_after: Option<u32>| {
+        let (mut conductor, _) = rig(SupervisorSettings::default());
+        if let Some(pictures) = frozen_after {
+            conductor.set_frozen_after(pictures);
+        }
+        for i in 0..60 {
+            let now_s = 1.0 + i as f64 / 30.0;
+            let mut pair = match i < 30 {
+                true => pair(i, 0.0, 0.01),
+                false => picture(i),
+            };
+            pair.index = i;
+            for frame in [&mut pair.left, &mut pair.right] {
+                frame.capture_s = now_s - 0.02;
+            }
+            conductor.take(&pair, now_s).unwrap();
+            conductor.note_pictures([Some(now_s - 0.01); 2]);
+            conductor.look(now_s + 0.02);
+        }
+        conductor.state()
+    };
+    let alive: fn(u64) -> StereoFrame = |i| pair(i, 0.0, 0.01);
+    let still: fn(u64) -> StereoFrame = |_| pair(7, 0.0, 0.01);
+    let capped: fn(u64) -> StereoFrame = |i| {
+        let mut capped = pair(i, 0.0, 0.01);
+        capped.right.picture = Rgb::filled(SIZE.0, SIZE.1, [i as u8 % 3; 3]);
+        capped
+    };
+    assert_eq!(state_after(alive, None), RigState::Searching);
+    assert_eq!(state_after(capped, None), RigState::Holding);
+    assert_eq!(state_after(still, None), RigState::Holding);
+    assert_eq!(state_after(still, Some(0)), RigState::Searching);
+}

@@ -61,7 +61,7 @@ pub struct FollowSettings {
     /// Whether people stand upright in the picture.
     pub posture: Posture,
     /// How long the target's motion is extrapolated once it is out of sight, s, and its place believed; then whoever looks like it may be it
-    /// anywhere. As long as the rig follows a prediction.
+    /// anywhere. As long as the control law follows a prediction (its own `coast_s`).
     pub coast_s: f64,
     /// How long a lost target is looked for before any moving person becomes the target, s; infinite for never. A
     /// target given by a box is never exchanged.

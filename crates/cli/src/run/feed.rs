@@ -12,6 +12,7 @@ use crate::fault;
 
 use super::record::Truth;
 use super::session::Live;
+use super::stop::Stop;
 
 /// What to do about a picture that cannot be read.
 const SKIP_HINT: &str = "--on-fault skip leaves such pairs out and counts them";
@@ -52,6 +53,24 @@ impl Feed {
                 .next_pair(reuse)
                 .map_err(|error| fault::failed(error.to_string()))?,
         })
+    }
+
+    /// The first pair, which may be waited for as long as nobody has asked to stop; then `None`.
+    pub(crate) fn first_pair(&mut self, stop: &Stop) -> anyhow::Result<Option<StereoFrame>> {
+        match self {
+            Feed::Live(live) => Ok(live
+                .next_pair_unless(&|| stop.is_asked())
+                .map_err(|error| fault::failed(error.to_string()))?),
+            other => other.next_pair(None),
+        }
+    }
+
+    /// How often a picture must come again until its camera counts as frozen, 0 for never; `None` where nothing else is known than that real pictures differ.
+    pub(crate) fn frozen_after(&self) -> Option<u32> {
+        match self {
+            Feed::Live(live) => Some(live.frozen_after()),
+            _ => None,
+        }
     }
 
     /// The next pair, or how the cameras do when none comes in time; what is recorded or simulated never stalls.

@@ -6,6 +6,8 @@ use vergence_capture::{Clock as _, Next, RealClock, StereoFrame};
 use vergence_control::{LiveDrive, SupervisorSettings};
 use vergence_servo::{Conductor, Servo};
 
+use crate::fault;
+
 use super::feed::Feed;
 use super::folder::RunFolder;
 use super::log::Log;
@@ -56,9 +58,12 @@ pub(crate) struct Plan {
     pub(crate) record: Option<RecordPlan>,
 }
 
+/// Cameras whose pictures are older than this are no cameras to follow by, s: what was measured over the first few frames may be a late start.
+const LATENCY_MOST_S: f64 = 0.5;
+
 /// What the supervisor expects of this source.
 pub(crate) fn pace(feed: &Feed) -> SupervisorSettings {
-    SupervisorSettings::for_pace(1.0 / feed.info().fps, feed.latency_s())
+    SupervisorSettings::for_pace(1.0 / feed.info().fps, feed.latency_s().min(LATENCY_MOST_S))
 }
 
 /// When the setpoints after a pair are given on the simulated clock, s.
@@ -85,7 +90,10 @@ pub(crate) fn run(
     stop: &Stop,
 ) -> anyhow::Result<Outcome> {
     // The first pair before the folder: a source that cannot start leaves nothing behind.
-    let first = feed.next_pair(None)?;
+    let first = feed.first_pair(stop)?;
+    if first.is_none() && stop.is_asked() {
+        return Err(fault::interrupted("stopped before the first pair: nothing was moved").into());
+    }
     let mut folder = RunFolder::create(&plan.out)?;
     let mut log = Log::new(&feed, plan);
     let started_s = match (&plan.live, &first) {
@@ -94,6 +102,9 @@ pub(crate) fn run(
     };
     log.begin_recording(&folder, &feed, &servo, plan, started_s)?;
     let mut conductor = Conductor::new(servo, pace(&feed))?;
+    if let Some(pictures) = feed.frozen_after() {
+        conductor.set_frozen_after(pictures);
+    }
     if plan.home {
         conductor.ask_home();
     }
@@ -108,7 +119,9 @@ pub(crate) fn run(
     );
     let rig = rest(&feed, &mut conductor, plan, stop, &mut log);
     // Nothing moves any more: who will not wait for the files need not.
-    stop.let_go()?;
+    if let Err(error) = stop.let_go() {
+        crate::output::say(&format!("{error:#}"));
+    }
     log.take_facts(&feed, &mut conductor, plan);
     log.facts.interrupted = stop.is_asked();
     let lacking = (log.facts.recording.as_ref()).and_then(RecordingSummary::lacking);

@@ -6,7 +6,7 @@ use vergence_imaging::Rgb;
 /// A pair may be stamped so much later than it is taken, s: the rounding of drivers.
 const AHEAD_S: f64 = 0.005;
 
-/// So many equal pictures in a row are one that is frozen: noise alone makes two real ones differ.
+/// So many equal pictures in a row are one that is frozen, unless the source says otherwise: noise alone makes two real ones differ.
 const FROZEN_AFTER: u32 = 2;
 
 /// So many bytes of a picture are looked at.
@@ -28,6 +28,7 @@ pub(super) enum Blind {
 pub(super) struct Sentry {
     /// A pair may be so old when it comes, s.
     oldest_s: f64,
+    frozen_after: u32,
     capture_s: Option<f64>,
     eyes: [Eyesight; 2],
 }
@@ -44,9 +45,15 @@ impl Sentry {
     pub(super) fn new(oldest_s: f64) -> Self {
         Self {
             oldest_s,
+            frozen_after: FROZEN_AFTER,
             capture_s: None,
             eyes: Default::default(),
         }
+    }
+
+    /// See [`super::Conductor::set_frozen_after`].
+    pub(super) fn set_frozen_after(&mut self, pictures: u32) {
+        self.frozen_after = pictures;
     }
 
     /// What is wrong with the pictures, left and right, `None` for one of a live camera; an error says why the pair as a whole cannot be used.
@@ -68,8 +75,8 @@ impl Sentry {
         self.capture_s = Some(capture_s);
         let [left, right] = &mut self.eyes;
         Ok([
-            left.look_at(&pair.left.picture),
-            right.look_at(&pair.right.picture),
+            left.look_at(&pair.left.picture, self.frozen_after),
+            right.look_at(&pair.right.picture, self.frozen_after),
         ])
     }
 
@@ -87,7 +94,7 @@ impl Sentry {
 
 impl Eyesight {
     /// What is wrong with a picture; `None` for one that is new and not dark.
-    fn look_at(&mut self, picture: &Rgb) -> Option<Blind> {
+    fn look_at(&mut self, picture: &Rgb, frozen_after: u32) -> Option<Blind> {
         let all = picture.samples().as_flattened();
         // An odd step, so that all columns and colours come up.
         let looked_at = all.iter().step_by((all.len() / LOOKED_AT).max(1) | 1);
@@ -99,7 +106,7 @@ impl Eyesight {
         let mean = sum as f64 / self.bytes.len().max(1) as f64;
         if mean < DARK_BELOW {
             Some(Blind::Dark)
-        } else if self.same >= FROZEN_AFTER {
+        } else if frozen_after > 0 && self.same >= frozen_after {
             Some(Blind::Frozen)
         } else {
             None

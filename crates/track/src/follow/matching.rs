@@ -30,8 +30,11 @@ pub(super) const STRANGE: f64 = 4.0;
 /// How far from its height above the floor the chest is believed when it is seen again, metres ...
 pub(super) const HEIGHT_M: f64 = 0.2;
 
-/// ... plus this for every second since the target was lost, m/s: people sit down, and a motor that missed steps tilts the world.
+/// ... plus this for every second since the target was lost, m/s: people sit down, and a motor that missed steps tilts the world ...
 const HEIGHT_M_S: f64 = 0.2;
+
+/// ... up to this, m: from standing to sitting on the floor.
+const HEIGHT_MOST_M: f64 = 0.8;
 
 /// How far from that height a target that stays in sight may get, metres: half a torso.
 pub(super) const LEAVING_M: f64 = 0.3;
@@ -369,7 +372,7 @@ impl Follower {
     fn at_target_height(&self, view: &EyeView, found: &Match) -> bool {
         let lost_s = self.last_time_s - self.hidden_s - self.settings.coast_s;
         let most_m = match self.state {
-            FollowState::Lost => HEIGHT_M + HEIGHT_M_S * lost_s.max(0.0),
+            FollowState::Lost => (HEIGHT_M + HEIGHT_M_S * lost_s.max(0.0)).min(HEIGHT_MOST_M),
             _ => HEIGHT_M,
         };
         self.belief
