@@ -135,6 +135,10 @@ impl Lighting {
         normal[face.axis] = face.sign;
         // Only what reaches into the neighbourhood can take sky light away.
         let near: Vec<&Cuboid> = room.cuboids.iter().filter(|c| reaches(c, face)).collect();
+        // Rugs hide nothing.
+        let tall: Vec<&Cuboid> = (room.cuboids.iter())
+            .filter(|c| c.hi.y - c.lo.y > 0.035)
+            .collect();
         let values = (0..size[0] * size[1])
             .map(|i| {
                 let centre = |k: usize, n: usize, r: [f64; 2]| {
@@ -147,9 +151,10 @@ impl Lighting {
                 let key = (index * 100_000 + i) as u64;
                 let open = open_sky(&p, &normal, &near, key);
                 let direct = self.direct(&p, &normal, |to| {
-                    room.cuboids.iter().any(|c| {
-                        c.entry(&p, to).is_some_and(|(t, _)| t < 0.98) && c.hi.y - c.lo.y > 0.035
-                    })
+                    let inverse = to.map(|d| 1.0 / d);
+                    let hides =
+                        |c: &&Cuboid| c.entry_along(&p, &inverse).is_some_and(|(t, _)| t < 0.98);
+                    tall.iter().any(hides)
                 });
                 (direct + ambient(&normal) * open) as f32
             })
@@ -241,8 +246,9 @@ fn open_sky(p: &Point3<f64>, normal: &Vector3<f64>, near: &[&Cuboid], key: u64) 
         way[a] += r * c;
         way[b] += r * s;
         let mut reach = wall_distance(p, &way).min(NEAR_M);
+        let inverse = way.map(|d| 1.0 / d);
         for c in near {
-            if let Some((t, _)) = c.entry(p, &way) {
+            if let Some((t, _)) = c.entry_along(p, &inverse) {
                 reach = reach.min(t);
             }
         }

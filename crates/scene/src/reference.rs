@@ -30,9 +30,18 @@ pub struct Hit {
 impl Cuboid {
     /// Where a ray enters the box from outside: parameter and face (0 to 5: x low, x high, y low, y high, z low, z high).
     pub fn entry(&self, origin: &Point3<f64>, direction: &Vector3<f64>) -> Option<(f64, u16)> {
+        self.entry_along(origin, &direction.map(|d| 1.0 / d))
+    }
+
+    /// [`Self::entry`] with the inverses of the direction's components, for rays that meet many boxes.
+    pub(crate) fn entry_along(
+        &self,
+        origin: &Point3<f64>,
+        inverse: &Vector3<f64>,
+    ) -> Option<(f64, u16)> {
         let (mut from, mut to, mut face) = (f64::NEG_INFINITY, f64::INFINITY, 0);
         for axis in 0..3 {
-            let inverse = 1.0 / direction[axis];
+            let inverse = inverse[axis];
             let a = (self.lo[axis] - origin[axis]) * inverse;
             let b = (self.hi[axis] - origin[axis]) * inverse;
             let (near, far, side) = if inverse >= 0.0 { (a, b, 0) } else { (b, a, 1) };

@@ -215,11 +215,18 @@ fn add_octave(sum: &mut [f32], seed: u64, cells: [usize; 2], amplitude: f32) {
             .collect()
     };
     let (across, down) = (axis(cells[0]), axis(cells[1]));
+    // Rows of the lattice, each interpolated across once.
+    let wide: Vec<f32> = lattice
+        .chunks_exact(cells[0])
+        .flat_map(|a| {
+            across
+                .iter()
+                .map(|&(x0, x1, fx)| a[x0] + fx * (a[x1] - a[x0]))
+        })
+        .collect();
     for (row, &(y0, y1, fy)) in sum.chunks_exact_mut(SIDE).zip(&down) {
-        let (a, b) = (&lattice[y0 * cells[0]..], &lattice[y1 * cells[0]..]);
-        for (out, &(x0, x1, fx)) in row.iter_mut().zip(&across) {
-            let top = a[x0] + fx * (a[x1] - a[x0]);
-            let bottom = b[x0] + fx * (b[x1] - b[x0]);
+        let (top, bottom) = (&wide[y0 * SIDE..][..SIDE], &wide[y1 * SIDE..][..SIDE]);
+        for ((out, top), bottom) in row.iter_mut().zip(top).zip(bottom) {
             *out += amplitude * (top + fy * (bottom - top));
         }
     }

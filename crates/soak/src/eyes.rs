@@ -153,9 +153,11 @@ impl Eyes {
         if is_on(|f| matches!(f, Fault::Swapped)) {
             std::mem::swap(&mut left.1, &mut right.1);
         }
+        let shows_earlier = |p: &Planted| matches!(p.fault, Fault::Frozen(_) | Fault::Torn(_));
+        let is_kept = faults.iter().any(shows_earlier);
         let mut sent = Vec::new();
         for (eye, picture) in [left, right] {
-            let kept = picture.clone();
+            let kept = is_kept.then(|| picture.clone());
             let frame = Sent {
                 eye,
                 index,
@@ -166,7 +168,7 @@ impl Eyes {
             self.spoil(frame, world_s, faults, &mut sent);
             let frozen = |p: &Planted| p.is_on(world_s) && p.fault == Fault::Frozen(eye);
             if !faults.iter().any(frozen) {
-                self.before[eye as usize] = Some(kept);
+                self.before[eye as usize] = kept;
             }
         }
         Ok(sent)

@@ -302,11 +302,14 @@ pub(crate) fn bilinear_row(picture: &Gray, u: &[f32], v: &[f32], out: &mut [f32]
 /// Index of the upper left one of the four pixels around each place.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl", "x86_64+avx2"))]
 fn corner_of([w, h]: [usize; 2], u: &[f32], v: &[f32], at: &mut [u32; BLOCK]) {
-    let (max_u, max_v) = ((w - 1) as f32, (h - 1) as f32);
+    // In this range the unit of a sum's last place is 1. Casts with `as` saturate, and that does not become vectors.
+    const SHIFT: f32 = 8_388_608.0;
+    let (last_x, last_y) = ((w - 2) as f32, (h - 2) as f32);
+    let whole = |x: f32| (x + SHIFT).to_bits() - SHIFT.to_bits();
     for ((at, u), v) in at.iter_mut().zip(u).zip(v) {
-        let x = (u.clamp(0.0, max_u) as i32).min(w as i32 - 2);
-        let y = (v.clamp(0.0, max_v) as i32).min(h as i32 - 2);
-        *at = (y * w as i32 + x) as u32;
+        let x = whole(u.max(0.0).floor().min(last_x));
+        let y = whole(v.max(0.0).floor().min(last_y));
+        *at = y * w as u32 + x;
     }
 }
 
@@ -321,8 +324,8 @@ fn blend([w, h]: [usize; 2], u: &[f32], v: &[f32], corners: &[[f32; BLOCK]; 4], 
     let (u, v) = (&u[..n], &v[..n]);
     for k in 0..n {
         let (u, v) = (u[k].clamp(0.0, max_u), v[k].clamp(0.0, max_v));
-        let a = u - (u as i32).min(w as i32 - 2) as f32;
-        let b = v - (v as i32).min(h as i32 - 2) as f32;
+        let a = u - u.floor().min((w - 2) as f32);
+        let b = v - v.floor().min((h - 2) as f32);
         let top = p00[k] + a * (p10[k] - p00[k]);
         let bottom = p01[k] + a * (p11[k] - p01[k]);
         out[k] = top + b * (bottom - top);
