@@ -78,7 +78,7 @@ impl Going {
     /// Wait for its end; all that it said is in the output.
     fn end(mut self) -> Output {
         let mut output = self.child.take().unwrap().wait_with_output().unwrap();
-        for line in self.said.iter() {
+        for line in &self.said {
             self.heard.push_str(&line);
             self.heard.push('\n');
         }
