@@ -9,11 +9,12 @@ use nalgebra::Isometry3;
 use vergence_capture::{Frame, SourceInfo, StereoFrame};
 use vergence_control::{
     AxisCommand, AxisError, AxisLimits, AxisName, AxisReading, AxisState, ControlSettings,
-    Controller, Drive, DriveEvent, HeadConfig, Link, RigState, SupervisorSettings,
+    Controller, Drive, DriveEvent, HeadConfig, Link, LossTimes, RigState, SupervisorSettings,
 };
 use vergence_geometry::{Camera, Distortion, HeadGeometry, Intrinsics};
 use vergence_imaging::Rgb;
 use vergence_servo::{Conductor, Motors, Rigging, Servo, ServoSettings, WatchSettings};
+use vergence_track::FollowSettings;
 
 const SIZE: (usize, usize) = (128, 96);
 
@@ -342,4 +343,11 @@ fn new_pictures_that_show_nothing_are_no_life() {
     assert_eq!(state_after(capped, None), RigState::Holding);
     assert_eq!(state_after(still, None), RigState::Holding);
     assert_eq!(state_after(still, Some(0)), RigState::Searching);
+}
+
+/// A target's place is believed for as long as the head follows its prediction: one time, said in two crates that do not know each other.
+#[test]
+fn who_is_followed_blindly_is_believed_as_long() {
+    let believed_s = FollowSettings::default().coast_s;
+    assert_eq!(believed_s, LossTimes::default().coast_s);
 }

@@ -2,26 +2,13 @@
 //! limits, double beyond them, and nearer the sharper eye; with shares that say so. On recorded pairs it prints the shares. Does not
 //! prove that people see it so.
 
+use crate::asked::from_two_metres;
 use crate::planted;
 use crate::recorded;
-use vergence_geometry::comfort::Viewing;
-use vergence_geometry::viewing::Viewer;
 use vergence_imaging::Rgb;
 use vergence_imaging::colour::luma_from_rgb;
 use vergence_stereo::dense::{DenseSettings, disparity_map};
 use vergence_stereo::fuse::{FuseSettings, Fused, fused};
-
-/// Two metres away, one metre wide: a pixel of 400 is 4.3'.
-fn viewing(width_px: usize) -> Viewing {
-    Viewing {
-        viewer: Viewer {
-            interocular_m: 0.065,
-            distance_m: 2.0,
-        },
-        screen_width_m: 1.0,
-        width_px,
-    }
-}
 
 fn fused_of(left: &Rgb, right: &Rgb, settings: &FuseSettings) -> Fused {
     let grey = [left, right].map(luma_from_rgb);
@@ -31,7 +18,7 @@ fn fused_of(left: &Rgb, right: &Rgb, settings: &FuseSettings) -> Fused {
         [left, right],
         &map,
         &|_, _| 0.0,
-        &viewing(left.width()),
+        &from_two_metres(left.width()),
         settings,
     )
 }

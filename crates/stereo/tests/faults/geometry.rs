@@ -3,51 +3,22 @@
 //! them away; that what is no pair is refused; and that nothing clean raises an alarm. What it does not prove: accuracy in photographs (see
 //! `geometry_real.rs`).
 
+use crate::asked::{at_a_desk, is_alignment, similarity};
 use crate::leaves::Leaves;
 use crate::planting;
 use crate::planting::{Plant, Random, expected};
-use vergence_geometry::comfort::Viewing;
-use vergence_geometry::viewing::Viewer;
 use vergence_imaging::Rgb;
-use vergence_stereo::faults::{Cause, Conditions, PairFaults, Refusal, Verdict, measure};
-
-/// A screen half a metre wide, 0.7 m away.
-fn conditions(size: (usize, usize)) -> Conditions {
-    Conditions::new(Viewing {
-        viewer: Viewer::default(),
-        screen_width_m: 0.5,
-        width_px: size.0,
-    })
-}
+use vergence_stereo::faults::{Cause, PairFaults, Refusal, Verdict, measure};
 
 fn measured(left: &Rgb, right: &Rgb) -> Result<PairFaults, Refusal> {
-    measure(left, right, &conditions(left.size()))
-}
-
-fn similarity(faults: &PairFaults) -> [f64; 3] {
-    let a = &faults.alignment;
-    [a.offset_px.value, a.roll_deg.value, a.zoom_percent.value]
+    measure(left, right, &at_a_desk(left.width()))
 }
 
 const SIZE: (usize, usize) = (480, 360);
 
 /// Alignment, lens and parallax; discs in front of the screen that an edge cuts are truly cut.
 fn is_geometry(cause: Cause) -> bool {
-    matches!(
-        cause,
-        Cause::VerticalParallax
-            | Cause::VerticalOffset
-            | Cause::Roll
-            | Cause::Zoom
-            | Cause::KeystoneVertical
-            | Cause::KeystoneToeIn
-            | Cause::Bow
-            | Cause::BaseRoll
-            | Cause::VerticalResidual
-            | Cause::LensDistortion
-            | Cause::ParallaxNear
-            | Cause::ParallaxFar
-    )
+    is_alignment(cause) || matches!(cause, Cause::ParallaxNear | Cause::ParallaxFar)
 }
 
 fn assert_near(got: [f64; 3], want: [f64; 3], within: [f64; 3], what: &str) {
@@ -367,7 +338,7 @@ fn what_is_no_pair_is_refused() {
 #[test]
 fn conditions_are_checked() {
     let [left, right] = Leaves::new(11).pair((160, 120));
-    let good = conditions((160, 120));
+    let good = at_a_desk(160);
     let mut cases = vec![good; 4];
     cases[0].viewing.screen_width_m = f64::NAN;
     cases[1].viewing.viewer.distance_m = 0.0;

@@ -2,11 +2,10 @@
 //! (disparity grows along it) fill the whole pair, with faults planted into one picture. On such a plane depth and
 //! place go together, which is the hardest case for the terms that depend on depth.
 
+use crate::asked::{self, at_a_desk};
 use crate::planting::{Plant, expected};
-use vergence_geometry::comfort::Viewing;
-use vergence_geometry::viewing::Viewer;
 use vergence_imaging::Rgb;
-use vergence_stereo::faults::{Conditions, measure};
+use vergence_stereo::faults::measure;
 
 const SIZE: (usize, usize) = (640, 480);
 
@@ -61,13 +60,7 @@ fn texture(x: f64, y: f64) -> f64 {
 }
 
 fn similarity(left: &Rgb, right: &Rgb) -> [f64; 3] {
-    let conditions = Conditions::new(Viewing {
-        viewer: Viewer::default(),
-        screen_width_m: 0.5,
-        width_px: SIZE.0,
-    });
-    let a = measure(left, right, &conditions).unwrap().alignment;
-    [a.offset_px.value, a.roll_deg.value, a.zoom_percent.value]
+    asked::similarity(&measure(left, right, &at_a_desk(SIZE.0)).unwrap())
 }
 
 /// A floor whose disparity runs from 6 to 54 px, a wall from 4 to 68 px, and both slants at once; patches are sheared and squeezed by up

@@ -2,15 +2,14 @@
 //! with a longer lens, both toed in, rolled or turned alike, one lens distorted more, alone and mixed; estimates against the
 //! angles that were set. What it does not prove: accuracy on photographs (see `geometry_real.rs`).
 
+use crate::asked::{at_a_desk, is_alignment};
 use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Isometry3, Point2, Translation3, UnitQuaternion, Vector3};
-use vergence_geometry::comfort::Viewing;
-use vergence_geometry::viewing::Viewer;
 use vergence_geometry::{Distortion, Eye, Mode, StereoArray};
 use vergence_imaging::Rgb;
 use vergence_scene::{Light, PathSpec, Renderer, Shot, TwinCamera, World, WorldConfig};
-use vergence_stereo::faults::{Cause, Conditions, PairFaults, Verdict, measure};
+use vergence_stereo::faults::{PairFaults, Verdict, measure};
 
 /// One camera against a faultless one.
 #[derive(Clone, Copy, Debug, Default)]
@@ -97,11 +96,7 @@ fn pair(off: [Off; 2]) -> [Rgb; 2] {
 /// A screen half a metre wide, 0.7 m away; the rig is known unless it is to be assumed.
 fn measured(off: [Off; 2], known: bool) -> PairFaults {
     let [left, right] = pair(off);
-    let mut conditions = Conditions::new(Viewing {
-        viewer: Viewer::default(),
-        screen_width_m: 0.5,
-        width_px: left.width(),
-    });
+    let mut conditions = at_a_desk(left.width());
     if known {
         conditions.rig = Some(StereoArray {
             interaxial_m: INTERAXIAL_M,
@@ -162,20 +157,10 @@ fn assert_rig(faults: &PairFaults, pitch_deg: f64, roll_deg: f64, focal_percent:
 fn a_sound_rig_raises_no_alarm() {
     let faults = measured([SOUND; 2], true);
     for finding in &faults.findings {
-        let vertical = matches!(
-            finding.cause,
-            Cause::VerticalParallax
-                | Cause::VerticalOffset
-                | Cause::Roll
-                | Cause::Zoom
-                | Cause::KeystoneVertical
-                | Cause::KeystoneToeIn
-                | Cause::Bow
-                | Cause::BaseRoll
-                | Cause::VerticalResidual
-                | Cause::LensDistortion
+        assert!(
+            !is_alignment(finding.cause) || finding.verdict == Verdict::Good,
+            "{finding:?}"
         );
-        assert!(!vertical || finding.verdict == Verdict::Good, "{finding:?}");
     }
     assert_rig(&faults, 0.0, 0.0, 0.0, "sound");
     assert_near(

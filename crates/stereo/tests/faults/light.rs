@@ -2,12 +2,11 @@
 //! pairs (against the pair's own difference, which is printed), and that clean made pairs raise no alarm. Goals: gain 1 %, blur 0.2 px.
 //! The ignored test prints the whole table.
 
+use crate::asked::{at_a_desk, from_two_metres};
 use crate::leaves;
 use crate::planted::{blurred, noisy, tinted, toned};
 use crate::recorded;
 use crate::twin;
-use vergence_geometry::comfort::Viewing;
-use vergence_geometry::viewing::Viewer;
 use vergence_imaging::Rgb;
 use vergence_imaging::colour::luma_from_rgb;
 use vergence_stereo::dense::{DenseSettings, disparity_map};
@@ -149,12 +148,7 @@ fn shaded(picture: &Rgb, by: [f64; 2]) -> Rgb {
 
 /// Light through everything that [`measure`] does.
 fn light(left: &Rgb, right: &Rgb) -> Photometry {
-    let viewing = Viewing {
-        viewer: Viewer::default(),
-        screen_width_m: 0.5,
-        width_px: left.width(),
-    };
-    let faults = measure(left, right, &Conditions::new(viewing)).unwrap();
+    let faults = measure(left, right, &at_a_desk(left.width())).unwrap();
     faults.appearance.unwrap().photometry.unwrap()
 }
 
@@ -287,17 +281,6 @@ fn table_over_all_recorded_pairs() {
     }
 }
 
-fn conditions(width_px: usize) -> Conditions {
-    Conditions::new(Viewing {
-        viewer: Viewer {
-            interocular_m: 0.065,
-            distance_m: 2.0,
-        },
-        screen_width_m: 1.0,
-        width_px,
-    })
-}
-
 /// A pair of the twin raises no alarm of light, colour, sharpness, noise or order; each planted fault raises its own.
 #[test]
 fn verdicts_on_the_twin() {
@@ -310,7 +293,8 @@ fn verdicts_on_the_twin() {
         Cause::Sharpness,
         Cause::Noise,
     ];
-    let all = |right: &Rgb| measure(&left, right, &conditions(left.width())).unwrap();
+    let conditions = Conditions::new(from_two_metres(left.width()));
+    let all = |right: &Rgb| measure(&left, right, &conditions).unwrap();
     let of = |faults: PairFaults, cause: Cause| {
         let finding = faults.findings.into_iter().find(|f| f.cause == cause);
         let finding = finding.unwrap();

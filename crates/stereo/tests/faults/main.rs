@@ -7,6 +7,7 @@
 )]
 
 mod appearance_twin;
+mod asked;
 mod dense;
 mod fuse;
 mod geometry;

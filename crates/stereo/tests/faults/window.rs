@@ -1,10 +1,9 @@
 //! Proves on made pairs of known disparity that the edges' violations, ghosts, shape and jumps at cuts are what their formulas say, that
 //! masking as told repairs the window, and that nothing behind the screen is blamed.
 
+use crate::asked::from_two_metres;
 use vergence_geometry::StereoArray;
 use vergence_geometry::array::Mode;
-use vergence_geometry::comfort::Viewing;
-use vergence_geometry::viewing::Viewer;
 use vergence_imaging::Gray;
 use vergence_stereo::dense::{DenseSettings, DisparityMap, disparity_map};
 use vergence_stereo::faults::Conditions;
@@ -12,17 +11,6 @@ use vergence_stereo::faults::cuts::{CutFinder, DepthSummary};
 use vergence_stereo::faults::ghosting::ghosting_from_map;
 use vergence_stereo::faults::shape::shape_of;
 use vergence_stereo::faults::window::window_from_map;
-
-fn viewing(width_px: usize) -> Viewing {
-    Viewing {
-        viewer: Viewer {
-            interocular_m: 0.065,
-            distance_m: 2.0,
-        },
-        screen_width_m: 1.0,
-        width_px,
-    }
-}
 
 fn noise(x: i64, y: i64) -> u8 {
     let mut h = (x as u32).wrapping_mul(0x9e37_79b1) ^ (y as u32).wrapping_mul(0x85eb_ca6b);
@@ -42,7 +30,7 @@ fn map(upper: i64, lower: i64) -> DisparityMap {
 /// A lower half 12 px in front touches both side edges over half their height, and the bottom; the masks are as wide as it is in front.
 #[test]
 fn a_lower_half_in_front() {
-    let window = window_from_map(&map(-6, 12), &viewing(320));
+    let window = window_from_map(&map(-6, 12), &from_two_metres(320));
     for edge in [window.left, window.right] {
         assert!((edge.share - 0.5).abs() < 0.06, "{edge:?}");
         assert!((edge.nearest_px - 12.0).abs() < 0.4, "{edge:?}");
@@ -66,7 +54,7 @@ fn a_lower_half_in_front() {
 #[test]
 fn nothing_in_front() {
     for (upper, lower) in [(-6, -12), (0, 0)] {
-        let window = window_from_map(&map(upper, lower), &viewing(320));
+        let window = window_from_map(&map(upper, lower), &from_two_metres(320));
         for edge in [window.left, window.right, window.top, window.bottom] {
             assert_eq!((edge.share, edge.nearest_px), (0.0, 0.0));
         }
@@ -77,7 +65,7 @@ fn nothing_in_front() {
 /// Ghosts are in proportion to crosstalk, absent without parallax, and of black against white at full contrast they are c.
 #[test]
 fn ghosts() {
-    let view = viewing(320);
+    let view = from_two_metres(320);
     let apart = map(-12, 12);
     let at = |c: f64| ghosting_from_map(&apart, c, &view).contrast_percent;
     assert!(at(0.02) > 0.0 && (at(0.04) / at(0.02) - 2.0).abs() < 1e-3);
@@ -104,7 +92,7 @@ fn ghosts() {
 /// Roundness at convergence is (V / L)(t / e); at a median on the screen it is the same; without a rig there is none.
 #[test]
 fn shape_by_the_rig() {
-    let mut conditions = Conditions::new(viewing(320));
+    let mut conditions = Conditions::new(from_two_metres(320));
     let flat = map(0, 0);
     assert_eq!(shape_of(&conditions, &flat), None);
     conditions.rig = Some(StereoArray {
@@ -123,7 +111,7 @@ fn shape_by_the_rig() {
 /// A cut is found where the picture changes at once, with its jump of depth; motion and repeated pictures are none.
 #[test]
 fn cuts_and_their_jumps() {
-    let view = viewing(320);
+    let view = from_two_metres(320);
     let depth = |d: f64| {
         Some(DepthSummary {
             disparity_px: [d - 3.0, d, d + 3.0],
