@@ -184,6 +184,8 @@ pub struct Senses<'a> {
     pub centred: bool,
     /// What the control law does with its target; `None` before its first step.
     pub following: Option<ControlState>,
+    /// What the pictures say of axes that have lost their zeros without knowing; `None` when they say nothing of the kind.
+    pub lost_zero: Option<&'a str>,
     /// What the loop itself could not use since the last look: a reading, an estimate, a pair; `None` when all was well.
     pub doubt: Option<&'a str>,
 }
@@ -421,6 +423,11 @@ impl Supervisor {
                 }
                 _ => {}
             }
+        }
+        if let Some(lost) = senses.lost_zero
+            && !matches!(self.state, RigState::Starting | RigState::Homing)
+        {
+            return Some(lost.to_owned());
         }
         let homing_s = self.settings.homing_s;
         (self.state == RigState::Homing && now_s - self.since_s > homing_s)

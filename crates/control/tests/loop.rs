@@ -357,6 +357,22 @@ fn a_lost_target_is_looked_for_where_it_was() {
     assert!(pan(end_s).abs() < 1.5, "{}", pan(end_s));
 }
 
+/// A target that was seen for two seconds, 12° aside, is not thought to stand there usually: the head turns back towards zero, first by no more than 10°.
+#[test]
+fn a_target_lost_early_is_looked_for_from_zero_on() {
+    let mut setup = Setup::new(HeadConfig::default(), ModeRequest::Converged);
+    setup.seen = |t| t < 2.0;
+    let there = Point3::new(0.74, 0.0, 3.5);
+    let (frames, ..) = run(&setup, 12.0, |_| (there, Vector3::zeros()));
+    let pan = |at_s: f64| {
+        let frame = frames.iter().find(|f| f.time_s >= at_s).unwrap();
+        frame.out.believed.pan.to_degrees()
+    };
+    assert!((pan(1.9) - 11.9).abs() < 0.3, "{}", pan(1.9));
+    assert!((1.5..6.0).contains(&pan(5.5)), "{}", pan(5.5));
+    assert!((1.0..5.0).contains(&pan(11.9)), "{}", pan(11.9));
+}
+
 /// A sighting that is taken back, with nothing left that can be trusted: the motors stop following it at once.
 #[test]
 fn a_sighting_that_was_taken_back_is_not_followed() {

@@ -19,12 +19,15 @@ const FEWEST: usize = 6;
 /// Most claims kept (1 s at up to 200 pairs a second).
 const MOST: usize = 200;
 
-/// Speeds of walkers, m/s: what is slower may be a wall that looks like the target, what is faster is no person.
+/// Speeds of walkers, m/s: what is slower may be a wall that looks like the target, unless its picture moves; what is faster is no person.
 const SPEED_M_S: [f64; 2] = [0.4, 2.5];
 
 /// How far claims may lie off one straight walk, RMS, m, at 5 m and nearer; it grows with the square of the distance, as the noise
 /// of the range does.
 const SPREAD_M: f64 = 0.12;
+
+/// Share of the claims of a walk whose pictures must have moved for it to be somebody who turns or stands, and no wall.
+const MOVED_SHARE: f64 = 0.6;
 
 /// How far from the last place of a walk the next one may lie, m, besides what the fastest walker covers.
 const STRAY_M: f64 = 0.5;
@@ -41,16 +44,27 @@ pub(crate) struct Claims {
     walks: Vec<Walk>,
 }
 
-/// Times and places, in order; never empty.
-type Walk = VecDeque<(f64, Point3<f64>)>;
+/// Times and places, in order.
+type Trail = VecDeque<(f64, Point3<f64>)>;
+
+/// Claims that can be those of one walker.
+#[derive(Clone, Debug, Default)]
+struct Walk {
+    /// Never empty once it was added to.
+    trail: Trail,
+    /// How many claims there were, and in how many of them the picture moved.
+    count: u32,
+    moved: u32,
+}
 
 impl Claims {
-    /// Add a sighting that was not believed; whether it must be believed now.
-    pub(crate) fn add(&mut self, time_s: f64, place_in_base: Point3<f64>) -> bool {
-        let fresh = |walk: &Walk| walk.back().is_some_and(|last| time_s - last.0 <= PAUSE_S);
+    /// Add a sighting that was not believed, and whether what was seen moves like a person; whether it must be believed now.
+    pub(crate) fn add(&mut self, time_s: f64, place_in_base: Point3<f64>, moves: bool) -> bool {
+        let last = |walk: &Walk| walk.trail.back().copied();
+        let fresh = |walk: &Walk| last(walk).is_some_and(|last| time_s - last.0 <= PAUSE_S);
         self.walks.retain(fresh);
         let miss_m = |walk: &Walk| {
-            walk.back().map_or(f64::INFINITY, |&(last_s, last)| {
+            last(walk).map_or(f64::INFINITY, |(last_s, last)| {
                 (place_in_base - last).norm() - SPEED_M_S[1] * (time_s - last_s)
             })
         };
@@ -61,19 +75,23 @@ impl Claims {
             if self.walks.len() >= WALKS {
                 self.walks.remove(0);
             }
-            self.walks.push(Walk::new());
+            self.walks.push(Walk::default());
             self.walks.len() - 1
         });
         let walk = &mut self.walks[index];
-        walk.push_back((time_s, place_in_base));
-        while walk.len() > MOST || walk.front().is_some_and(|p| time_s - p.0 > MEMORY_S) {
-            walk.pop_front();
+        walk.count += 1;
+        walk.moved += u32::from(moves);
+        let trail = &mut walk.trail;
+        trail.push_back((time_s, place_in_base));
+        while trail.len() > MOST || trail.front().is_some_and(|p| time_s - p.0 > MEMORY_S) {
+            trail.pop_front();
         }
-        is_walker(walk)
+        let moves = f64::from(walk.moved) >= MOVED_SHARE * f64::from(walk.count);
+        is_walker(&walk.trail, moves)
     }
 }
 
-fn is_walker(walk: &Walk) -> bool {
+fn is_walker(walk: &Trail, moves: bool) -> bool {
     let (Some(first), Some(last)) = (walk.front(), walk.back()) else {
         return false;
     };
@@ -83,11 +101,12 @@ fn is_walker(walk: &Walk) -> bool {
     let (velocity, spread_m) = line(walk);
     let level = velocity.x.hypot(velocity.z);
     let allowed_m = SPREAD_M * (last.1.z / 5.0).powi(2).max(1.0);
-    (SPEED_M_S[0]..=SPEED_M_S[1]).contains(&level) && spread_m < allowed_m
+    let slowest = if moves { 0.0 } else { SPEED_M_S[0] };
+    (slowest..=SPEED_M_S[1]).contains(&level) && spread_m < allowed_m
 }
 
 /// Velocity of the least-squares line through places over time, and their RMS distance from it. At least two different times.
-pub(crate) fn line(places: &Walk) -> (Vector3<f64>, f64) {
+pub(crate) fn line(places: &Trail) -> (Vector3<f64>, f64) {
     let n = places.len() as f64;
     let mean_s = places.iter().map(|p| p.0).sum::<f64>() / n;
     let mean = places.iter().map(|p| p.1.coords).sum::<Vector3<f64>>() / n;
@@ -112,7 +131,7 @@ mod tests {
         let mut claims = Claims::default();
         (0..count).find(|&i| {
             let time_s = i as f64 / 30.0;
-            claims.add(time_s, place(time_s, i))
+            claims.add(time_s, place(time_s, i), false)
         })
     }
 
@@ -158,17 +177,36 @@ mod tests {
         assert!(at.is_some_and(|at| at < 25), "{at:?}");
     }
 
+    /// Who turns on the spot has no walker's pace, but moves: in most pictures is enough, in a few is a wall beside which somebody moved.
+    #[test]
+    fn who_turns_is_believed() {
+        let standing = |moves: fn(usize) -> bool| {
+            let mut claims = Claims::default();
+            (0..60_usize).find(|&i| {
+                let time_s = i as f64 / 30.0;
+                let sway_m = 0.05 * (4.0 * time_s).sin();
+                claims.add(time_s, Point3::new(sway_m, 0.2, 3.0), moves(i))
+            })
+        };
+        assert!(standing(|i| i % 4 != 3).is_some_and(|at| at < 16));
+        assert_eq!(standing(|i| i % 4 == 3), None);
+    }
+
     /// Claims with pauses are not one walk, and their number is bounded.
     #[test]
     fn pauses_end_a_walk() {
         let mut claims = Claims::default();
         for i in 0..50 {
             let time_s = f64::from(i) * 0.4;
-            assert!(!claims.add(time_s, Point3::new(time_s, 0.0, 5.0)));
+            assert!(!claims.add(time_s, Point3::new(time_s, 0.0, 5.0), true));
         }
         for i in 0..5000 {
-            claims.add(30.0 + f64::from(i) * 1e-4, Point3::new(0.0, 0.0, 5.0));
-            assert!(claims.walks.iter().all(|w| w.len() <= MOST));
+            claims.add(
+                30.0 + f64::from(i) * 1e-4,
+                Point3::new(0.0, 0.0, 5.0),
+                false,
+            );
+            assert!(claims.walks.iter().all(|w| w.trail.len() <= MOST));
         }
     }
 }

@@ -37,6 +37,8 @@ pub struct Conductor {
     blind: [bool; 2],
     following: Option<ControlState>,
     doubt: Option<String>,
+    /// What the pictures say of the axes' zeros, until the axes are homed or a person has looked.
+    lost_zero: Option<String>,
     events: Vec<DriveEvent>,
     refused_pairs: u64,
     /// Why the newest pair was not used.
@@ -66,6 +68,7 @@ impl Conductor {
             blind: [false; 2],
             following: None,
             doubt: None,
+            lost_zero: None,
             events: Vec::new(),
             refused_pairs: 0,
             refusal: None,
@@ -296,8 +299,17 @@ impl Conductor {
             events: &events,
             centred,
             following: self.following,
+            lost_zero: self.lost_zero.as_deref(),
             doubt: doubt.as_deref(),
         });
+        if matches!(
+            self.supervisor.state(),
+            RigState::Fault | RigState::Homing | RigState::Stopped
+        ) {
+            // Told, or about to be put right.
+            self.lost_zero = None;
+            self.servo.zeros_begin_anew();
+        }
         self.events.extend(events);
         let excess = self.events.len().saturating_sub(EVENTS_WAITING);
         self.events.drain(..excess);
@@ -349,6 +361,13 @@ impl Conductor {
 
     /// Keep what a step says of itself.
     fn note_step(&mut self, step: &Step, now_s: f64) {
+        if let Some(lost) = &step.lost_zero {
+            match lost.was_right {
+                true => self.lost_zero = Some(lost.sentence()),
+                // They never stood right: homing again would not mend that.
+                false => self.supervisor.memory_mut().note(now_s, lost.sentence()),
+            }
+        }
         let Some(control) = &step.control else {
             return;
         };

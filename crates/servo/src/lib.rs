@@ -17,6 +17,7 @@ pub mod step;
 mod target;
 pub mod watch;
 mod wide;
+pub mod zeros;
 
 pub use conductor::Conductor;
 pub use error::ServoError;
@@ -27,3 +28,4 @@ pub use servo::{Servo, ServoSettings};
 pub use stages::{Stage, StageTimes, Stopwatch};
 pub use step::{Measured, Step};
 pub use watch::{HealthNote, WatchSettings};
+pub use zeros::LostZero;

@@ -22,6 +22,7 @@ use crate::step::{Measured, Step};
 use crate::target::{Place, Target};
 use crate::watch::{HealthNote, Watch, WatchSettings};
 use crate::wide::{is_wide, look};
+use crate::zeros::{LostZero, Zeros};
 
 /// Levels of the pyramids: 64 x 48 pixels at the top of 1024 x 768.
 const LEVELS: usize = 5;
@@ -56,6 +57,7 @@ pub struct Servo {
     relief_m: f64,
     target: Target,
     watch: Watch,
+    zeros: Zeros,
     /// Set when the cameras stand too wide for patches of one to be found in the other.
     wide: Option<TwoViewTracker>,
     wide_state: FollowState,
@@ -125,6 +127,7 @@ impl Servo {
             matcher: Matcher::new(settings.matching),
             target: Target::new(filter)?,
             watch: Watch::new(info.cameras, settings.watch),
+            zeros: Zeros::default(),
         })
     }
 
@@ -157,7 +160,9 @@ impl Servo {
                 report.state = FollowState::Searching;
                 return None;
             }
-            if self.target.can_be(sighting.kind, place.as_ref(), capture_s) {
+            let anchor = &sighting.anchor_px;
+            let moves = report.movers.iter().any(|mover| mover.contains(anchor));
+            if (self.target).can_be(sighting.kind, place.as_ref(), moves, capture_s) {
                 if let Some(note) = note {
                     self.follower.note_range(note);
                 }
@@ -167,6 +172,10 @@ impl Servo {
             report.sighting = None;
             report.state = FollowState::Occluded;
             None
+        });
+        let in_sight = report.sighting.is_some();
+        let lost_zero = times.timed(Stage::Health, || {
+            self.look_at_zeros(capture_s, in_sight, &stance)
         });
         let (update, estimate, aim, control) = times.timed(Stage::Control, || {
             self.target
@@ -199,6 +208,7 @@ impl Servo {
             mode_change: control.as_ref().and_then(|c| c.mode_change.clone()),
             control,
             health,
+            lost_zero,
             times,
         })
     }
@@ -219,6 +229,23 @@ impl Servo {
             motors.set_right_offset(self.watch.right_offset_rad(capture_s));
         }
         note
+    }
+
+    /// Whether the pictures say that the vergence axes have lost their zeros. Cameras that do not move have none.
+    fn look_at_zeros(
+        &mut self,
+        capture_s: f64,
+        in_sight: bool,
+        stance: &Stance,
+    ) -> Option<LostZero> {
+        stance.readings.as_ref()?;
+        let views = Eye::BOTH.map(|eye| view(&self.pictures, &self.cameras, stance, eye));
+        (self.zeros).look(capture_s, in_sight, &stance.angles, [&views[0], &views[1]])
+    }
+
+    /// The axes were homed, or a person has looked at what was wrong: what the pictures said of their zeros counts no more.
+    pub fn zeros_begin_anew(&mut self) {
+        self.zeros.begin_anew();
     }
 
     /// Take the answer of the look at the rig's health that is under way, if any: after the last step.
@@ -278,6 +305,7 @@ impl Servo {
             control: None,
             mode_change: None,
             health: None,
+            lost_zero: None,
             times,
         })
     }

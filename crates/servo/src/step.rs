@@ -8,6 +8,7 @@ use vergence_track::{FollowState, PixelBox, Reason, Sighting};
 
 use crate::stages::StageTimes;
 use crate::watch::HealthNote;
+use crate::zeros::LostZero;
 
 /// One step of the loop.
 #[derive(Clone, Debug)]
@@ -46,6 +47,8 @@ pub struct Step {
     pub mode_change: Option<ModeChange>,
     /// What a look at the rig's health said; set in the steps in which an answer was taken.
     pub health: Option<HealthNote>,
+    /// Set when the pictures say that the vergence axes have lost their zeros.
+    pub lost_zero: Option<LostZero>,
     /// Wall time by stage.
     pub times: StageTimes,
 }

@@ -127,11 +127,12 @@ impl Target {
 
     /// Whether the target can be what is seen: it must be where a walker could have got to, and have a distance unless it had one
     /// a moment ago. First sightings are not doubted. What goes on for so long, and so much like a walker, that the expectation must
-    /// be wrong is believed all the same.
+    /// be wrong is believed all the same; `moves` says that what is seen moves like a person.
     pub(crate) fn can_be(
         &mut self,
         kind: SightingKind,
         place: Option<&Place>,
+        moves: bool,
         capture_s: f64,
     ) -> bool {
         let Some(expected) = self.at(capture_s).filter(|_| kind != SightingKind::Found) else {
@@ -142,7 +143,7 @@ impl Target {
             Some(place) => {
                 let last = self.last().unwrap_or(expected.position_in_base);
                 is_within_reach(place, &expected, &last)
-                    || self.claims.add(capture_s, place.point_in_base)
+                    || self.claims.add(capture_s, place.point_in_base, moves)
             }
         }
     }
@@ -256,7 +257,8 @@ mod tests {
         let mut target = standing();
         let now_s = 1.0;
         target.begin(now_s);
-        let mut can = |p: Option<Place>| target.can_be(SightingKind::Followed, p.as_ref(), now_s);
+        let mut can =
+            |p: Option<Place>| target.can_be(SightingKind::Followed, p.as_ref(), false, now_s);
         assert!(can(Some(place(0.1, 5.1))));
         assert!(can(None));
         assert!(!can(Some(place(0.0, 6.2))));
@@ -270,16 +272,16 @@ mod tests {
         let mut target = standing();
         let mut can = |p: Option<Place>, at_s| {
             target.begin(at_s);
-            target.can_be(SightingKind::Refound, p.as_ref(), at_s)
+            target.can_be(SightingKind::Refound, p.as_ref(), false, at_s)
         };
         assert!(!can(Some(place(2.0, 5.0)), 1.2));
         assert!(!can(None, 1.5));
         assert!(can(Some(place(2.0, 5.0)), 2.5));
         assert!(!can(Some(place(0.0, 12.0)), 2.5));
-        assert!(target.can_be(SightingKind::Found, Some(&place(2.0, 9.0)), 1.2));
+        assert!(target.can_be(SightingKind::Found, Some(&place(2.0, 9.0)), false, 1.2));
         target.forget();
         assert!(target.at(1.2).is_none());
-        assert!(target.can_be(SightingKind::Followed, None, 1.2));
+        assert!(target.can_be(SightingKind::Followed, None, false, 1.2));
     }
 
     /// A source of two pairs a second: what had a distance in the last pair is in sight.
@@ -287,9 +289,9 @@ mod tests {
     fn slow_sources_keep_their_target() {
         let mut target = standing();
         target.begin(29.0 / 30.0 + 0.5);
-        assert!(target.can_be(SightingKind::Followed, None, 29.0 / 30.0 + 0.5));
+        assert!(target.can_be(SightingKind::Followed, None, false, 29.0 / 30.0 + 0.5));
         target.begin(29.0 / 30.0 + 1.0);
-        assert!(!target.can_be(SightingKind::Followed, None, 29.0 / 30.0 + 1.0));
+        assert!(!target.can_be(SightingKind::Followed, None, false, 29.0 / 30.0 + 1.0));
     }
 
     /// What never has a distance is let go after 0.7 s, of a slow source after some pairs; one distance is enough to stay.
@@ -343,9 +345,9 @@ mod tests {
         let mut target = standing();
         let now_s = 29.0 / 30.0 + 2.4;
         target.begin(now_s);
-        assert!(!target.can_be(SightingKind::Followed, None, now_s));
+        assert!(!target.can_be(SightingKind::Followed, None, false, now_s));
         let there = place(0.6, 4.2);
-        assert!(target.can_be(SightingKind::Refound, Some(&there), now_s));
+        assert!(target.can_be(SightingKind::Refound, Some(&there), false, now_s));
         let sight = Sight::Position {
             position_in_base: there.point_in_base,
             covariance: Matrix3::identity() * 1e-3,
@@ -363,6 +365,6 @@ mod tests {
             sigma_m: 0.4,
             ..place(0.0, 6.2)
         };
-        assert!(target.can_be(SightingKind::Followed, Some(&vague), 1.0));
+        assert!(target.can_be(SightingKind::Followed, Some(&vague), false, 1.0));
     }
 }

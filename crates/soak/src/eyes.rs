@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::Point2;
+use nalgebra::{Point2, Point3};
 use vergence_capture::{CaptureError, Standing};
 use vergence_geometry::{Camera, Distortion, Eye, HeadAngles, HeadGeometry, Intrinsics};
 use vergence_imaging::Rgb;
@@ -126,6 +126,12 @@ impl Eyes {
             sum += (px.x - k.cx).hypot(px.y - k.cy) / k.width as f64;
         }
         Some(sum / 2.0)
+    }
+
+    /// Where the target and the axes truly are, for the trace.
+    pub(crate) fn truth(&self, world_s: f64) -> Option<(Point3<f64>, HeadAngles)> {
+        let target = self.renderer.world().target_reference_in_base(world_s)?;
+        Some((target, (self.standing)(world_s).ok()?))
     }
 
     /// Take the next frame of both cameras, with what is wrong of it; `clock_s` is what the program's clock is ahead of the world.

@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use nalgebra::Point3;
 use vergence_control::supervisor::Decision;
 use vergence_control::{AxisState, DriveEvent, RigState};
+use vergence_geometry::HeadAngles;
 use vergence_servo::Step;
 
 use crate::faults::Planted;
@@ -208,18 +209,30 @@ impl Watcher {
     }
 
     /// What the loop saw and believes, a line for every pair.
-    pub(crate) fn saw(&self, world_s: f64, step: &Step, pointing: Option<f64>) {
+    pub(crate) fn saw(
+        &self,
+        world_s: f64,
+        step: &Step,
+        pointing: Option<f64>,
+        truth: Option<(Point3<f64>, HeadAngles)>,
+    ) {
         let point = |p: Point3<f64>| format!("({:.2}, {:.2}, {:.2})", p.x, p.y, p.z);
         let or_none = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
+        let degrees = |angles: HeadAngles| {
+            let [pan, tilt, left, right] = angles.to_array().map(f64::to_degrees);
+            format!("{pan:.1}, {tilt:.1}, {left:.1}, {right:.1} deg")
+        };
         self.say(world_s, || {
-            let [pan, tilt, left, right] = step.angles.to_array().map(f64::to_degrees);
             format!(
-                "  {:?}, {:?}; measured {}, believed {}; {}; axes at {pan:.1}, {tilt:.1}, {left:.1}, {right:.1} deg; off by {}",
+                "  {:?}, {:?}; measured {}, believed {}, is {}; {}; axes at {}, are at {}; off by {}",
                 step.state,
                 step.reason,
                 or_none(step.measured.map(|m| point(m.point_in_base))),
                 or_none(step.estimate.map(|e| point(e.position_in_base))),
+                or_none(truth.map(|(target, _)| point(target))),
                 step.control.as_ref().map_or("-", |c| c.state.name()),
+                degrees(step.angles),
+                or_none(truth.map(|(_, angles)| degrees(angles))),
                 or_none(pointing.map(|p| format!("{p:.2}"))),
             )
         });

@@ -10,6 +10,7 @@ mod correlation;
 pub mod error;
 pub mod filter;
 pub mod follow;
+pub mod infinity;
 mod motion;
 mod movers;
 mod outline;
@@ -23,6 +24,7 @@ mod window;
 
 pub use error::TrackError;
 pub use follow::{FollowSettings, Follower, check_box, was_blind};
+pub use infinity::{FarSight, InfinityCheck};
 pub use movers::Posture;
 pub use two_view::{TwoViewReport, TwoViewSettings, TwoViewSighting, TwoViewTracker, TwoViews};
 pub use view::{

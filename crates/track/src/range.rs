@@ -123,7 +123,7 @@ impl Sweep {
 }
 
 /// Subtract the weighted mean and divide by the weighted deviation; false for a flat patch.
-fn normalise(samples: &mut [f32], weights: Option<&[f32]>) -> bool {
+pub(crate) fn normalise(samples: &mut [f32], weights: Option<&[f32]>) -> bool {
     let (mut sum, mut sum_w, mut sum_sq) = (0.0_f64, 0.0_f64, 0.0_f64);
     for (i, &s) in samples.iter().enumerate() {
         let w = f64::from(weights.map_or(1.0, |w| w[i]));
@@ -149,7 +149,7 @@ fn normalise(samples: &mut [f32], weights: Option<&[f32]>) -> bool {
 }
 
 /// Weighted correlation of a normalised patch with a raw one.
-fn correlation(left: &[f32], right: &[f32], weights: Option<&[f32]>) -> Option<f64> {
+pub(crate) fn correlation(left: &[f32], right: &[f32], weights: Option<&[f32]>) -> Option<f64> {
     let mut sums = [0.0_f32; 4];
     let mut add = |l: f32, r: f32, w: f32| {
         sums[0] += w;
@@ -173,7 +173,7 @@ fn correlation(left: &[f32], right: &[f32], weights: Option<&[f32]>) -> Option<f
 }
 
 /// Position of the largest score with a parabola's fraction, and its value.
-fn best_of(scores: &[f64]) -> Option<(f64, f64)> {
+pub(crate) fn best_of(scores: &[f64]) -> Option<(f64, f64)> {
     let best = (0..scores.len()).max_by(|&a, &b| scores[a].total_cmp(&scores[b]))?;
     let top = scores[best];
     if !top.is_finite() {

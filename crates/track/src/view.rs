@@ -93,6 +93,11 @@ impl PixelBox {
         Point2::new(self.x + self.w / 2.0, self.y + self.h / 2.0)
     }
 
+    /// Whether a pixel lies in it.
+    pub fn contains(&self, pixel: &Point2<f64>) -> bool {
+        (self.x..self.x + self.w).contains(&pixel.x) && (self.y..self.y + self.h).contains(&pixel.y)
+    }
+
     /// Area of the intersection over area of the union, 0 to 1.
     pub fn overlap(&self, other: &PixelBox) -> f64 {
         let across = (self.x + self.w).min(other.x + other.w) - self.x.max(other.x);

@@ -11,6 +11,10 @@ const SURE_AFTER_S: f64 = 1.0;
 /// The direction in which the target is usually seen is its mean over about so long, s.
 const USUAL_S: f64 = 15.0;
 
+/// Where a rig is pointed when its head is at zero is where targets are thought to be until they were seen for longer, s: a target that was
+/// lost soon after it was first seen is looked for from there on, not where it happened to walk out of the picture.
+const ZERO_FOR_S: f64 = 3.0;
+
 /// Highest speed at which the head turns back to where the target usually is, rad/s (20°/s) ...
 const RETURN_RAD_S: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
@@ -27,12 +31,17 @@ impl Controller {
             self.noted_s = at_s;
             return;
         };
-        // A plain mean at first, with a memory of that length later.
+        // A mean with the zero direction at first, with a memory of its own length later.
         let step_s = (at_s - self.noted_s).max(0.0);
-        self.usual_s = (self.usual_s + step_s).min(USUAL_S);
-        let share = step_s / self.usual_s.max(1e-6);
+        self.usual_s = (self.usual_s.max(ZERO_FOR_S) + step_s).min(USUAL_S);
+        let share = step_s / self.usual_s;
         self.noted_s = at_s;
-        let usual = self.usual_at.get_or_insert(seen);
+        let usual = self.usual_at.get_or_insert_with(|| {
+            [0, 1].map(|i| {
+                let l = &self.limits[i];
+                0.0_f64.clamp(l.position_min_rad, l.position_max_rad)
+            })
+        });
         for (usual, seen) in usual.iter_mut().zip(seen) {
             *usual += share * (seen - *usual);
         }

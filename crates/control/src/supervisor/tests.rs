@@ -16,6 +16,7 @@ fn sound(now_s: f64, link: &Link) -> Senses<'_> {
         events: &[],
         centred: true,
         following: None,
+        lost_zero: None,
         doubt: None,
     }
 }
@@ -107,7 +108,7 @@ fn a_fault_waits_for_a_person() {
         kind: DriveEventKind::Alarm,
         text: "ALARM:1".to_owned(),
     }];
-    for what in 0..3 {
+    for what in 0..4 {
         let mut rig = supervisor();
         rig.look(&sound(1.0, &link(1.0)));
         let up = link(1.01);
@@ -115,6 +116,7 @@ fn a_fault_waits_for_a_person() {
         match what {
             0 => senses.events = &alarm,
             1 => senses.axes[2] = AxisState::Fault,
+            2 => senses.lost_zero = Some("steps were missed"),
             _ => senses.axes[1] = AxisState::Unhomed,
         }
         assert_eq!(rig.look(&senses), Orders::Hold);
@@ -249,10 +251,11 @@ prop_compose! {
         following in following(),
         alarm in prop::bool::weighted(0.02),
         doubt in prop::bool::weighted(0.05),
+        lost in prop::bool::weighted(0.02),
         down in prop::bool::weighted(0.05),
         person in 0_u8..60,
-    ) -> (f64, [f64; 3], [AxisState; 4], Option<ControlState>, [bool; 3], u8) {
-        (step_s, ages, axes, following, [alarm, doubt, down], person)
+    ) -> (f64, [f64; 3], [AxisState; 4], Option<ControlState>, [bool; 4], u8) {
+        (step_s, ages, axes, following, [alarm, doubt, lost, down], person)
     }
 }
 
@@ -265,7 +268,7 @@ proptest! {
         let mut now_s = 0.0;
         let mut stopped = false;
         let mut cleared = false;
-        for (step_s, ages, axes, following, [alarm, doubt, down], person) in looks {
+        for (step_s, ages, axes, following, [alarm, doubt, lost, down], person) in looks {
             now_s += if step_s.is_finite() { step_s } else { 0.0 };
             let told_s = if step_s.is_finite() { now_s } else { step_s };
             match person {
@@ -289,6 +292,7 @@ proptest! {
                 events: if alarm { &events } else { &[] },
                 centred: person != 9,
                 following,
+                lost_zero: lost.then_some("steps were missed"),
                 doubt: doubt.then_some("a reading is missing"),
             });
             prop_assert!(before == rig.state() || before != RigState::Stopped);
@@ -299,6 +303,7 @@ proptest! {
             if stopped {
                 prop_assert_eq!(rig.state(), RigState::Stopped);
             }
+            prop_assert!(!(lost && orders == Orders::Follow));
             if matches!(orders, Orders::Follow | Orders::Centre) {
                 prop_assert!(!down && !alarm && !doubt && told_s.is_finite());
                 prop_assert!(axes.iter().all(|a| matches!(a, AxisState::Ready | AxisState::Held)));
