@@ -66,6 +66,9 @@ pub(crate) const fn surface_axes(axis: usize) -> [usize; 2] {
 const NEAR_M: f64 = 1.3;
 const SKY_RAYS: u64 = 14;
 
+/// So much farther a thing is looked at than it could matter, m: roundings.
+const SLACK_M: f64 = 1e-6;
+
 impl Lighting {
     pub(crate) fn new(room: &Room) -> Self {
         let mut emitters: Vec<Emitter> = [1.6, 4.6, 7.6, 10.6]
@@ -139,6 +142,7 @@ impl Lighting {
         let tall: Vec<&Cuboid> = (room.cuboids.iter())
             .filter(|c| c.hi.y - c.lo.y > 0.035)
             .collect();
+        let mut list = Vec::with_capacity(room.cuboids.len());
         let values = (0..size[0] * size[1])
             .map(|i| {
                 let centre = |k: usize, n: usize, r: [f64; 2]| {
@@ -149,47 +153,50 @@ impl Lighting {
                 p[a] = centre(i % size[0], size[0], face.u);
                 p[b] = centre(i / size[0], size[1], face.v);
                 let key = (index * 100_000 + i) as u64;
-                let open = open_sky(&p, &normal, &near, key);
-                let direct = self.direct(&p, &normal, |to| {
-                    let inverse = to.map(|d| 1.0 / d);
-                    let hides =
-                        |c: &&Cuboid| c.entry_along(&p, &inverse).is_some_and(|(t, _)| t < 0.98);
-                    tall.iter().any(hides)
-                });
+                list.clear();
+                list.extend(near.iter().copied().filter(|c| is_near(c, &p)));
+                let open = open_sky(&p, &normal, &list, key);
+                let direct = self.direct(&p, &normal, &tall, &mut list);
                 (direct + ambient(&normal) * open) as f32
             })
             .collect();
         (size, values)
     }
 
-    /// Light straight from the emitters; `hidden` says whether something stands on the way `p + t to`, 0 < t < 1.
-    fn direct(
+    /// Light straight from the emitters past `things`; `between` is a list to work with.
+    fn direct<'a>(
         &self,
         p: &Point3<f64>,
         normal: &Vector3<f64>,
-        hidden: impl Fn(&Vector3<f64>) -> bool,
+        things: &[&'a Cuboid],
+        between: &mut Vec<&'a Cuboid>,
     ) -> f64 {
         const SPOTS: [[f64; 2]; 3] = [[-0.6, 0.4], [0.05, -0.5], [0.65, 0.3]];
-        self.emitters
-            .iter()
-            .flat_map(|e| {
-                SPOTS.map(|s| {
-                    let [a, b] = surface_axes(if e.half.y == 0.0 { 1 } else { 0 });
-                    let mut spot = e.centre;
-                    spot[a] += e.half[a] * s[0];
-                    spot[b] += e.half[b] * s[1];
-                    (e, spot - p)
-                })
-            })
-            .map(|(e, to)| {
+        let mut sum = 0.0;
+        for e in &self.emitters {
+            let [a, b] = surface_axes(if e.half.y == 0.0 { 1 } else { 0 });
+            let mut listed = false;
+            for s in SPOTS {
+                let mut spot = e.centre;
+                spot[a] += e.half[a] * s[0];
+                spot[b] += e.half[b] * s[1];
+                let to = spot - p;
                 let value = received(e, &to, normal);
-                if value < 1e-4 || hidden(&to) {
-                    0.0
-                } else {
-                    value / SPOTS.len() as f64
+                if value < 1e-4 {
+                    continue;
                 }
-            })
-            .sum()
+                if !std::mem::replace(&mut listed, true) {
+                    between.clear();
+                    between.extend(things.iter().copied().filter(|c| is_between(c, p, e)));
+                }
+                let inverse = to.map(|d| 1.0 / d);
+                let hides = |c: &&Cuboid| c.entry_along(p, &inverse).is_some_and(|(t, _)| t < 0.98);
+                if !between.iter().any(hides) {
+                    sum += value / SPOTS.len() as f64;
+                }
+            }
+        }
+        sum
     }
 
     /// Irradiance on surfaces at a place that face the six directions x-, x+, y-, y+, z-, z+, with what the other
@@ -229,6 +236,25 @@ fn received(e: &Emitter, to: &Vector3<f64>, normal: &Vector3<f64>) -> f64 {
     let leaving = (-to.dot(&e.normal) / d).max(0.0);
     let area = 4.0 * e.half.iter().filter(|h| **h > 0.0).product::<f64>();
     e.radiance * area * arriving * leaving / (std::f64::consts::PI * d2 + area)
+}
+
+/// Whether a thing lies so near to a place that it can take sky light away from it.
+fn is_near(c: &Cuboid, p: &Point3<f64>) -> bool {
+    let square = |axis: usize| {
+        (c.lo[axis] - p[axis])
+            .max(p[axis] - c.hi[axis])
+            .max(0.0)
+            .powi(2)
+    };
+    square(0) + square(1) + square(2) <= (NEAR_M + SLACK_M).powi(2)
+}
+
+/// Whether a thing reaches into the box that holds a place and an emitter: else it hides nothing of it.
+fn is_between(c: &Cuboid, p: &Point3<f64>, e: &Emitter) -> bool {
+    (0..3).all(|axis| {
+        let (lo, hi) = (e.centre[axis] - e.half[axis], e.centre[axis] + e.half[axis]);
+        c.lo[axis] <= hi.max(p[axis]) + SLACK_M && c.hi[axis] >= lo.min(p[axis]) - SLACK_M
+    })
 }
 
 /// Fraction of the nearby half space that is open.
