@@ -1,5 +1,7 @@
 //! Colour: luma of RGB.
 
+use multiversion::multiversion;
+
 use crate::plane::{Gray, Rgb};
 
 /// Luma of gamma-encoded RGB with the weights of ITU-R BT.601 (0.299, 0.587, 0.114), rounded; written into `luma`,
@@ -9,7 +11,16 @@ use crate::plane::{Gray, Rgb};
 /// When the sizes differ.
 pub fn luma_from_rgb_into(rgb: &Rgb, luma: &mut Gray) {
     assert_eq!(rgb.size(), luma.size(), "sizes of rgb and luma differ");
-    for (out, px) in luma.samples_mut().iter_mut().zip(rgb.samples()) {
+    luma_of(rgb.samples(), luma.samples_mut());
+}
+
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512vbmi",
+    "x86_64+avx512f+avx512bw+avx512dq+avx512vl",
+    "x86_64+avx2"
+))]
+fn luma_of(rgb: &[[u8; 3]], luma: &mut [u8]) {
+    for (out, px) in luma.iter_mut().zip(rgb) {
         // 16-bit fixed point; the weights sum to 65536, so grey stays grey.
         let sum = 19595 * u32::from(px[0]) + 38470 * u32::from(px[1]) + 7471 * u32::from(px[2]);
         *out = ((sum + 32768) >> 16) as u8;

@@ -297,6 +297,10 @@ impl Renderer {
     ) {
         let n = place.width * place.height;
         match frame.plan(place, rays, around.pixel) {
+            Plan::Instants(level) if frame.levels[level].len() == 1 => {
+                work.render(&frame.levels[level][0], place, rays, around, Instant::ONLY);
+                std::mem::swap(&mut work.sum, &mut work.rgb);
+            }
             Plan::Instants(level) => {
                 let views = &frame.levels[level];
                 work.sum.iter_mut().for_each(|s| s[..n].fill(0.0));

@@ -111,7 +111,7 @@ impl Footprint {
                     lattice.y0_m + j as f64 / last * (lattice.rows - 1) as f64 * lattice.step_y_m;
                 let p = cam_from_base * facet.at(x, y);
                 // Beyond 63 degrees off the axis polynomial lens models are not to be trusted.
-                if p.z <= 1e-3 || p.x.hypot(p.y) > 2.0 * p.z {
+                if p.z <= 1e-3 || p.x * p.x + p.y * p.y > 4.0 * p.z * p.z {
                     return None;
                 }
                 *node = project_or_extend(view.camera, &p)?;
