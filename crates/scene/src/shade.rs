@@ -128,7 +128,6 @@ pub(crate) fn pattern(n: usize, p: &mut Packed, quads: &[u32; TEXELS], flat: &Fl
         return;
     }
     let taps = taps.max(1);
-    p.value[..n].fill(0.0);
     for tap in 0..taps {
         let share = (tap as f32 + 0.5) / taps as f32;
         add_tap(
@@ -138,6 +137,7 @@ pub(crate) fn pattern(n: usize, p: &mut Packed, quads: &[u32; TEXELS], flat: &Fl
             flat,
             [share, 1.0 / (taps as f32 * 255.0)],
             tap as f32 - (taps as f32 - 1.0) / 2.0,
+            tap == 0,
         );
     }
 }
@@ -177,6 +177,7 @@ fn add_tap(
     flat: &Flat,
     [share, weight]: [f32; 2],
     at: f32,
+    first: bool,
 ) {
     let (u, v, lod, value) = (&p.u[..n], &p.v[..n], &p.lod[..n], &mut p.value[..n]);
     let (su, sv) = (&p.step_u[..n], &p.step_v[..n]);
@@ -184,7 +185,8 @@ fn add_tap(
         let u = (u[i] + at * su[i] - flat.zero[0]) * flat.per_m[0];
         let v = (v[i] + at * sv[i] - flat.zero[1]) * flat.per_m[1];
         let level = round_to_int(level_within((lod[i] + share).floor()));
-        value[i] += weight * bilinear(quads, u, v, level);
+        let before = if first { 0.0 } else { value[i] };
+        value[i] = before + weight * bilinear(quads, u, v, level);
     }
 }
 
