@@ -4,6 +4,7 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use anyhow::{Context as _, bail, ensure};
+use vergence_scene::hash;
 use vergence_soak::{Bug, Plan, Verdict, run};
 
 const USAGE: &str = "usage: vergence-soak [--first-seed N] [--seeds N] [--seconds S] [--threads N] [--bug NAME] [--seed N --trace]
@@ -110,8 +111,10 @@ fn soak(asked: &Asked) -> anyhow::Result<bool> {
     let unjudged: u64 = verdicts.iter().map(|v| v.unjudged).sum();
     let simulated_s = asked.seconds * asked.seeds as f64;
     let moving = verdicts.iter().map(|v| v.moving).sum::<f64>() / verdicts.len().max(1) as f64;
+    // Of two programs that behave alike it is the same, bit for bit.
+    let fingerprint = (verdicts.iter()).fold(0, |all, v| hash::mix(all ^ v.fingerprint));
     println!(
-        "{} seeds, {violations} violations, {simulated_s:.0} s simulated in {wall_s:.1} s ({:.1} times real time), axes allowed to move {:.0} % of it, {unjudged} groups of faults not judged",
+        "{} seeds, {violations} violations, {simulated_s:.0} s simulated in {wall_s:.1} s ({:.1} times real time), axes allowed to move {:.0} % of it, {unjudged} groups of faults not judged, fingerprint {fingerprint:016x}",
         asked.seeds,
         simulated_s / wall_s.max(1e-9),
         100.0 * moving,

@@ -27,9 +27,15 @@ impl Workspace {
         self.edge_list.clear();
         for strip in (0..width).step_by(STRIP) {
             for y in 0..height {
-                let row = strip..width.min(strip + STRIP);
-                let pixels = row.map(|x| y * width + x).filter(|&i| edge[i] != 0);
-                self.edge_list.extend(pixels.map(|i| i as u32));
+                let from = y * width + strip;
+                let row = &edge[from..y * width + width.min(strip + STRIP)];
+                // Most rows of a strip have none, which takes one look.
+                if row.iter().fold(0, |any, e| any | e) == 0 {
+                    continue;
+                }
+                let pixels = row.iter().enumerate().filter(|(_, e)| **e != 0);
+                self.edge_list
+                    .extend(pixels.map(|(x, _)| (from + x) as u32));
             }
         }
     }
