@@ -12,7 +12,7 @@ use vergence_control::{
 };
 
 use crate::fault::{self, Fault};
-use crate::settings::Settings;
+use crate::settings::{Origin, Settings};
 
 /// A controller that has not answered after this long is not there. LinuxCNC takes up to a second for its first answer.
 const CONNECT: Duration = Duration::from_secs(4);
@@ -73,6 +73,17 @@ impl MotorsSpec {
     /// The one that the settings name.
     pub(crate) fn from_settings(settings: &Settings) -> Result<Self, Fault> {
         Self::from_text(settings.word("motors.controller"))
+    }
+
+    /// What a person does whose cameras stand still, by where the controller was named.
+    pub(crate) fn to_leave_out(settings: &Settings) -> String {
+        match &settings.entry("motors.controller").origin {
+            Origin::Flag(flag) if flag == "--motors" => {
+                "leave --motors out, and motors.controller of the settings at \"simulated\""
+                    .to_owned()
+            }
+            origin => format!("set motors.controller ({origin}) to \"simulated\""),
+        }
     }
 
     /// A controller with its thread; it answers, and nothing has moved.

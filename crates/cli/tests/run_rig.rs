@@ -436,5 +436,22 @@ fn combinations_that_make_no_sense_are_refused() {
             "{said}"
         );
     }
+    // Where the settings name the controller, no flag can be left out: the line to change is told.
+    std::fs::write(
+        here.join("rig.toml"),
+        "[motors]\ncontroller = \"grbl:/dev/none\"\n",
+    )
+    .unwrap();
+    for more in [&["--calibration", "other.toml"][..], &[]] {
+        let run = ["--config", "rig.toml", "run", "--headless"];
+        let mut command = running::command(&[&run[..], &cameras, more].concat());
+        let output = command.current_dir(here).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(
+            said.contains("set motors.controller (rig.toml line 2) to \"simulated\""),
+            "{said}"
+        );
+    }
     assert!(!here.join("runs").exists());
 }

@@ -226,7 +226,10 @@ fn camera_motors(args: &RunArgs, settings: &Settings) -> anyhow::Result<MotorsSp
     }
     if args.motors.is_some() {
         return Err(fault::usage("simulated motors turn no real camera")
-            .hint("name the controller that does, or leave --motors out: then the cameras stand still, and vergence is electronic")
+            .hint(format!(
+                "name the controller that does; for cameras that stand still, whose vergence is electronic, {}",
+                MotorsSpec::to_leave_out(settings)
+            ))
             .into());
     }
     if args.home {

@@ -122,7 +122,7 @@ pub(super) fn cameras(
     record: Option<&mut RecordPlan>,
 ) -> anyhow::Result<(Feed, Servo, Live)> {
     let config = super::live::config(args)?;
-    let machine = machine(args, spec)?;
+    let machine = machine(args, settings, spec)?;
     check_target(target, &machine.0.cameras[0])?;
     let step_rad = (crate::twin::config(settings)?.head.axes()).map(|axis| axis.step_rad());
     // Before the cameras, whose times are to be on its clock.
@@ -148,7 +148,7 @@ pub(super) fn cameras(
 }
 
 /// The calibration of the machine, which cameras on motors cannot do without.
-fn machine(args: &RunArgs, spec: &MotorsSpec) -> anyhow::Result<Believed> {
+fn machine(args: &RunArgs, settings: &Settings, spec: &MotorsSpec) -> anyhow::Result<Believed> {
     const HINT: &str = "vergence calibrate with --motors LOG makes the calibration of a machine";
     for (flag, given) in [
         ("--cameras", args.cameras.is_some()),
@@ -166,7 +166,10 @@ fn machine(args: &RunArgs, spec: &MotorsSpec) -> anyhow::Result<Believed> {
             "cameras on {} need --calibration, the file of the machine that carries them",
             spec.text()
         ))
-        .hint(HINT)
+        .hint(format!(
+            "{HINT}; for cameras that stand still {}",
+            MotorsSpec::to_leave_out(settings)
+        ))
         .into());
     };
     if path.as_os_str() == "true" {
@@ -178,18 +181,21 @@ fn machine(args: &RunArgs, spec: &MotorsSpec) -> anyhow::Result<Believed> {
     }
     let text = output::read_text(path, "calibration", LARGEST_MACHINE)?;
     if !MachineCalibration::is_one(&text) {
-        return Err(not_of_a_machine(path, spec).into());
+        return Err(not_of_a_machine(path, spec, settings).into());
     }
     let machine = MachineCalibration::parse(&text)
         .map_err(|e| fault::usage(format!("{e}: {}", path.display())))?;
     Ok((machine, text))
 }
 
-fn not_of_a_machine(path: &std::path::Path, spec: &MotorsSpec) -> Fault {
+fn not_of_a_machine(path: &std::path::Path, spec: &MotorsSpec, settings: &Settings) -> Fault {
     fault::usage(format!(
         "{} is no calibration of a machine, so nobody knows how {} turns the cameras",
         path.display(),
         spec.text()
     ))
-    .hint("vergence calibrate with --motors LOG makes one; for cameras that stand still leave --motors out")
+    .hint(format!(
+        "vergence calibrate with --motors LOG makes one; for cameras that stand still {}",
+        MotorsSpec::to_leave_out(settings)
+    ))
 }
