@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use vergence_calib::{MachineCalibration, ReadOptions, RigCalibration};
-use vergence_capture::live::{LiveKind, PixelFormat, Transport, V4l2Controls};
+use vergence_capture::live::{
+    ClockDomain, LiveKind, PixelFormat, Transport, V4l2Controls, V4l2Settings,
+};
 use vergence_capture::{LiveConfig, LiveInput, LiveRig, LiveSource, RealClock};
 
 use crate::fault::{self, Fault};
@@ -126,24 +128,7 @@ impl CameraFlags {
             return Err(fault::usage("--udp has no meaning for these cameras")
                 .hint("it belongs to --source rtsp"));
         }
-        let input = match (&self.device, left, right) {
-            (Some(device), None, None) => LiveInput::SideBySide(device.clone()),
-            (None, Some(left), Some(right)) => LiveInput::Two {
-                left: left.to_owned(),
-                right: right.to_owned(),
-            },
-            (Some(_), _, _) => {
-                return Err(fault::usage(
-                    "--device is both cameras, --left and --right are one each",
-                )
-                .hint("give either --device or --left and --right"));
-            }
-            _ => {
-                return Err(fault::usage("cameras need --left and --right, or --device")
-                    .hint("for example --left /dev/video0 --right /dev/video2"));
-            }
-        };
-        let mut config = LiveConfig::new(kind, input);
+        let mut config = LiveConfig::new(kind, self.input(left, right)?);
         if let Some(text) = fps {
             config.fps = Some(super::build::rate_from_text(text, "--fps")?);
         }
@@ -170,21 +155,46 @@ impl CameraFlags {
         if self.udp {
             config.transport = Transport::Udp;
         }
-        config.v4l2.format = self.pixels.map(|pixels| match pixels {
-            Pixels::Yuyv => PixelFormat::Yuyv,
-            Pixels::Mjpeg => PixelFormat::Mjpeg,
-            Pixels::Nv12 => PixelFormat::Nv12,
-            Pixels::Grey => PixelFormat::Grey,
-            Pixels::Rgb24 => PixelFormat::Rgb24,
-        });
-        config.v4l2.controls = V4l2Controls {
-            exposure: self.exposure,
-            gain: self.gain,
-            white_balance: self.white_balance,
-            focus: self.focus,
-            leave: self.leave_controls,
-        };
+        config.v4l2 = self.of_v4l2();
         Ok(config)
+    }
+
+    /// Which cameras these flags name.
+    fn input(&self, left: Option<&Path>, right: Option<&Path>) -> Result<LiveInput, Fault> {
+        match (&self.device, left, right) {
+            (Some(device), None, None) => Ok(LiveInput::SideBySide(device.clone())),
+            (None, Some(left), Some(right)) => Ok(LiveInput::Two {
+                left: left.to_owned(),
+                right: right.to_owned(),
+            }),
+            (Some(_), _, _) => Err(fault::usage(
+                "--device is both cameras, --left and --right are one each",
+            )
+            .hint("give either --device or --left and --right")),
+            _ => Err(fault::usage("cameras need --left and --right, or --device")
+                .hint("for example --left /dev/video0 --right /dev/video2")),
+        }
+    }
+
+    /// What these flags say of video devices alone.
+    fn of_v4l2(&self) -> V4l2Settings {
+        V4l2Settings {
+            format: self.pixels.map(|pixels| match pixels {
+                Pixels::Yuyv => PixelFormat::Yuyv,
+                Pixels::Mjpeg => PixelFormat::Mjpeg,
+                Pixels::Nv12 => PixelFormat::Nv12,
+                Pixels::Grey => PixelFormat::Grey,
+                Pixels::Rgb24 => PixelFormat::Rgb24,
+            }),
+            controls: V4l2Controls {
+                exposure: self.exposure,
+                gain: self.gain,
+                white_balance: self.white_balance,
+                focus: self.focus,
+                leave: self.leave_controls,
+            },
+            ..V4l2Settings::default()
+        }
     }
 }
 
@@ -218,8 +228,36 @@ pub(crate) fn source(args: &RunArgs, options: &ReadOptions<'_>) -> anyhow::Resul
     }
     let rig = RigCalibration::read_with(&[calibration.as_path()], options)
         .map_err(|e| fault::usage(e.to_string()))?;
-    let opened = LiveSource::open(&config, LiveRig::Fixed(&rig), &RealClock::new());
-    Ok(opened.map_err(|e| fault::failed(e.to_string()))?)
+    Ok(opened(&config, LiveRig::Fixed(&rig), &RealClock::new())?)
+}
+
+/// Open cameras, and say what of the flags has no effect on them.
+pub(super) fn opened(
+    config: &LiveConfig,
+    rig: LiveRig<'_>,
+    clock: &RealClock,
+) -> Result<LiveSource, Fault> {
+    let source = LiveSource::open(config, rig, clock).map_err(|e| fault::failed(e.to_string()))?;
+    let seen = source.statistics();
+    let cameras = [&seen.left, &seen.right].map(|c| (c.name.as_str(), c.counts.clock));
+    if let Some(sentence) = idle_delay(config.delay_s, cameras) {
+        output::say(&sentence);
+    }
+    Ok(source)
+}
+
+/// That a delay has no effect on cameras whose pictures this machine's clock stamps, as a sentence with their names; `None` where it has on all.
+fn idle_delay(delay_s: f64, cameras: [(&str, ClockDomain); 2]) -> Option<String> {
+    let stamped = (cameras.iter()).filter(|(_, clock)| *clock == ClockDomain::Machine);
+    let mut names: Vec<&str> = stamped.map(|(name, _)| *name).collect();
+    // One device may give both pictures.
+    names.dedup();
+    (delay_s > 0.0 && !names.is_empty()).then(|| {
+        format!(
+            "--delay has no effect on the pictures of {}: the driver stamps them with this machine's clock, so that their times need none",
+            names.join(" and ")
+        )
+    })
 }
 
 /// What the flags say of the cameras.
@@ -244,4 +282,27 @@ pub(super) fn config(args: &RunArgs) -> Result<LiveConfig, Fault> {
     let [left, right] = [&args.left, &args.right].map(Option::as_deref);
     args.cameras_live
         .config(kind, left, right, args.fps.as_deref())
+}
+
+#[cfg(test)]
+mod tests {
+    //! Proves: who asks for a delay of cameras that need none is told whose; who asks for none, or of cameras that need it, is told nothing.
+    use super::*;
+
+    #[test]
+    fn delays_without_effect_are_told() {
+        use ClockDomain::{Arrival, Machine, Own};
+        let told = |delay_s, left, right| idle_delay(delay_s, [("a", left), ("b", right)]);
+        let both = told(0.04, Machine, Machine).unwrap();
+        assert!(
+            both.contains("--delay has no effect on the pictures of a and b:"),
+            "{both}"
+        );
+        let one = told(0.04, Own, Machine).unwrap();
+        assert!(one.contains("of b:"), "{one}");
+        let halves = idle_delay(0.04, [("a", Machine); 2]).unwrap();
+        assert!(halves.contains("of a:"), "{halves}");
+        assert_eq!(told(0.0, Machine, Machine), None);
+        assert_eq!(told(0.04, Own, Arrival), None);
+    }
 }

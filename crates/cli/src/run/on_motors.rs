@@ -1,7 +1,7 @@
 //! Cameras on motors: the controller that turns them, what the loop believes of the machine, and the loop on both.
 
 use vergence_calib::MachineCalibration;
-use vergence_capture::{LiveRig, LiveSource, RealClock, SourceInfo};
+use vergence_capture::{LiveRig, RealClock, SourceInfo};
 use vergence_control::{AxisName, AxisState, BoxedDrive, ControlSettings, Controller, Drive as _};
 use vergence_geometry::HeadGeometry;
 use vergence_servo::{Motors, Rigging, Servo, ServoSettings};
@@ -127,8 +127,8 @@ pub(super) fn cameras(
     let step_rad = (crate::twin::config(settings)?.head.axes()).map(|axis| axis.step_rad());
     // Before the cameras, whose times are to be on its clock.
     let live = open(spec, settings, args.home)?;
-    let source = LiveSource::open(&config, LiveRig::Moving(&machine.0.cameras), &live.clock)
-        .map_err(|e| fault::failed(e.to_string()))?;
+    let rig = LiveRig::Moving(&machine.0.cameras);
+    let source = super::live::opened(&config, rig, &live.clock)?;
     let feed = Feed::Live(Box::new(source));
     let (geometry, control) = head_of(settings, &machine.0, feed.info().fps)?;
     let head = Head {
