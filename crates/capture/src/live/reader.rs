@@ -322,7 +322,8 @@ impl Reader {
                     if silent_s >= limit_s {
                         return Some(format!("gave no picture for {silent_s:.1} s"));
                     }
-                    if silent_s > self.silence.as_secs_f64() / 4.0 {
+                    // A camera that is gone is gone until it gives a frame, however often it can be opened.
+                    if silent_s > self.silence.as_secs_f64() / 4.0 && self.gone_s.is_none() {
                         self.set_state(CameraState::Silent);
                     }
                 }

@@ -348,6 +348,36 @@ fn cameras_go_and_come_back() {
     }
 }
 
+/// A camera that went and can be opened again, but gives nothing yet, is gone and not merely silent, until its first picture.
+#[test]
+fn gone_until_a_picture_comes() {
+    let right = |k: u64| match k {
+        60 => Does::Fail,
+        61..120 => Does::Lose,
+        _ => Does::Picture,
+    };
+    let mut source = start(&config(), 0.0, [always, right]).unwrap();
+    let until_s = source.clock().now_s() + 5.0;
+    let (mut seen, mut looks) = (Vec::new(), 0);
+    while !seen.contains(&SourceEventKind::Back) {
+        assert!(source.clock().now_s() < until_s, "{seen:?}");
+        let _ = source.next_within(0.01, None).unwrap();
+        // Looked at before the events: what is not told after it was not so then.
+        let state = source.liveness().unwrap()[1].state;
+        let went = seen.contains(&SourceEventKind::Gone);
+        seen.extend(kinds(&source.take_events()));
+        if went && !seen.contains(&SourceEventKind::Back) {
+            assert_eq!(state, CameraState::Gone);
+            looks += 1;
+        }
+    }
+    // Much longer than the quarter of the time of silence after which a camera that is there counts as silent.
+    assert!(looks > 10, "{looks}");
+    let (pairs, _) = run(&mut source, 0.1);
+    assert!(!pairs.is_empty());
+    assert_eq!(source.liveness().unwrap()[1].state, CameraState::Live);
+}
+
 /// Cameras that give half of their rate, as in dim light, are followed: told, and paired by the new period.
 #[test]
 fn another_rate_is_followed() {
