@@ -200,38 +200,9 @@ impl LiveSource {
             stalls: 0,
             passed: None,
         };
-        for open::Attached {
-            opener,
-            camera,
-            gives,
-        } in opened.devices
-        {
-            let reader = Reader {
-                shared: Arc::clone(&shared),
-                opener,
-                gives,
-                frozen_after: config.frozen_after,
-                delay_s: config.delay_s,
-                gone_s: None,
-                wait: BACK_OFF[0],
-                silence: Duration::from_secs_f64(config.silence_s),
-                start: Duration::from_secs_f64(config.start_s),
-            };
-            let name = match gives {
-                Gives::One(Eye::Left) => "left camera",
-                Gives::One(Eye::Right) => "right camera",
-                Gives::Both => "both cameras",
-            };
-            let thread = std::thread::Builder::new()
-                .name(name.to_owned())
-                .spawn(move || reader.run(camera));
-            source
-                .threads
-                .push(thread.map_err(|error| CaptureError::Camera {
-                    what: "the thread that reads it could not be started".to_owned(),
-                    why: error.to_string(),
-                    camera: name.to_owned(),
-                })?);
+        for device in opened.devices {
+            let thread = reading(device, config, &shared)?;
+            source.threads.push(thread);
         }
         source.begin(config)?;
         source.fit(rig)?;
@@ -630,6 +601,43 @@ impl Drop for LiveSource {
             let _ = thread.join();
         }
     }
+}
+
+/// The thread that reads a device.
+fn reading(
+    device: open::Attached,
+    config: &LiveConfig,
+    shared: &Arc<Shared>,
+) -> Result<JoinHandle<()>, CaptureError> {
+    let open::Attached {
+        opener,
+        camera,
+        gives,
+    } = device;
+    let reader = Reader {
+        shared: Arc::clone(shared),
+        opener,
+        gives,
+        frozen_after: config.frozen_after,
+        delay_s: config.delay_s,
+        gone_s: None,
+        wait: BACK_OFF[0],
+        silence: Duration::from_secs_f64(config.silence_s),
+        start: Duration::from_secs_f64(config.start_s),
+    };
+    let name = match gives {
+        Gives::One(Eye::Left) => "left camera",
+        Gives::One(Eye::Right) => "right camera",
+        Gives::Both => "both cameras",
+    };
+    let thread = std::thread::Builder::new()
+        .name(name.to_owned())
+        .spawn(move || reader.run(camera));
+    thread.map_err(|error| CaptureError::Camera {
+        what: "the thread that reads it could not be started".to_owned(),
+        why: error.to_string(),
+        camera: name.to_owned(),
+    })
 }
 
 fn recycle(state: &mut State, pair: StereoFrame) {

@@ -1,5 +1,6 @@
 //! What a live source is told.
 
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use crate::CaptureError;
@@ -191,59 +192,7 @@ impl LiveConfig {
     }
 
     pub(crate) fn check(&self) -> Result<(), CaptureError> {
-        let limits = [
-            (
-                "delay_s",
-                self.delay_s,
-                0.0,
-                2.0,
-                "it must lie between 0 and 2 s",
-            ),
-            (
-                "silence_s",
-                self.silence_s,
-                0.2,
-                60.0,
-                "it must lie between 0.2 and 60 s",
-            ),
-            (
-                "start_s",
-                self.start_s,
-                0.2,
-                300.0,
-                "it must lie between 0.2 and 300 s",
-            ),
-            (
-                "patience_s",
-                self.patience_s,
-                0.01,
-                3600.0,
-                "it must lie between 0.01 and 3600 s",
-            ),
-            (
-                "fps",
-                self.fps.unwrap_or(1.0),
-                f64::MIN_POSITIVE,
-                MAX_FPS,
-                "it must lie above 0 and at most at 10000",
-            ),
-            (
-                "max_apart_s",
-                self.max_apart_s.unwrap_or(1.0),
-                f64::MIN_POSITIVE,
-                1.0,
-                "it must lie above 0 and at most at 1 s",
-            ),
-        ];
-        for (name, value, least, most, right) in limits {
-            if !(least..=most).contains(&value) {
-                return Err(CaptureError::Setting {
-                    name,
-                    value: value.to_string(),
-                    right,
-                });
-            }
-        }
+        self.check_numbers()?;
         let named = match &self.input {
             LiveInput::Two { left, right } => [left, right],
             LiveInput::SideBySide(both) => [both; 2],
@@ -262,6 +211,40 @@ impl LiveConfig {
             _ => Ok(()),
         }
     }
+
+    fn check_numbers(&self) -> Result<(), CaptureError> {
+        let least = f64::MIN_POSITIVE;
+        let (fps, apart_s) = (self.fps.unwrap_or(1.0), self.max_apart_s.unwrap_or(1.0));
+        let right = "it must lie between 0 and 2 s";
+        within("delay_s", self.delay_s, 0.0..=2.0, right)?;
+        let right = "it must lie between 0.2 and 60 s";
+        within("silence_s", self.silence_s, 0.2..=60.0, right)?;
+        let right = "it must lie between 0.2 and 300 s";
+        within("start_s", self.start_s, 0.2..=300.0, right)?;
+        let right = "it must lie between 0.01 and 3600 s";
+        within("patience_s", self.patience_s, 0.01..=3600.0, right)?;
+        let right = "it must lie above 0 and at most at 10000";
+        within("fps", fps, least..=MAX_FPS, right)?;
+        let right = "it must lie above 0 and at most at 1 s";
+        within("max_apart_s", apart_s, least..=1.0, right)
+    }
+}
+
+/// Refuse a value outside its range; `right` says the range in words.
+fn within(
+    name: &'static str,
+    value: f64,
+    range: RangeInclusive<f64>,
+    right: &'static str,
+) -> Result<(), CaptureError> {
+    if range.contains(&value) {
+        return Ok(());
+    }
+    Err(CaptureError::Setting {
+        name,
+        value: value.to_string(),
+        right,
+    })
 }
 
 #[cfg(test)]
