@@ -215,6 +215,8 @@ pub struct Supervisor {
     /// Since when nothing was in doubt, s.
     sound_since_s: Option<f64>,
     home_asked: bool,
+    /// A person asked for homing, and the axes have not been at their zero angles since.
+    uncentred: bool,
     clear_asked_s: Option<f64>,
     stop_asked: Option<String>,
     memory: Memory,
@@ -234,6 +236,7 @@ impl Supervisor {
             looked_s: None,
             sound_since_s: None,
             home_asked: false,
+            uncentred: false,
             clear_asked_s: None,
             stop_asked: None,
             memory: Memory::default(),
@@ -289,20 +292,21 @@ impl Supervisor {
         let mut home = false;
         // A chain of decisions at one look (clear, then home) is short; the bound is the number of states.
         for _ in RigState::ALL {
+            let asked = self.home_asked;
             let Some((next, reason)) = self.next(senses, now_s, doubt.as_deref()) else {
                 break;
             };
             self.change(next, now_s, reason);
             if next == RigState::Homing {
-                // What the axes say now is from before.
-                home = true;
+                // On a person's word it begins, and what the axes say now is from before. Else the axes go on to their zero angles.
+                home = asked;
+                self.uncentred = true;
                 break;
             }
         }
         self.home_asked &= !self.state.may_move();
         match self.state {
             RigState::Homing if home => Orders::Home,
-            RigState::Homing if is_homed(senses) && doubt.is_some() => Orders::Hold,
             RigState::Homing if is_homed(senses) => Orders::Centre,
             RigState::Homing => Orders::Wait,
             state if state.may_move() => Orders::Follow,
@@ -332,6 +336,7 @@ impl Supervisor {
             // What a person said before it was not about this.
             self.clear_asked_s = None;
             self.home_asked = false;
+            self.uncentred = false;
         }
         self.state = next;
         self.since_s = now_s;
@@ -434,22 +439,36 @@ impl Supervisor {
             .then(|| format!("homing took longer than {homing_s} s; look at the switches"))
     }
 
-    fn end_homing(&self, senses: &Senses<'_>, doubt: Option<&str>) -> Option<(RigState, String)> {
+    /// The controller's own homing needs no camera and goes on to its end; what the loop moves afterwards does.
+    fn end_homing(
+        &mut self,
+        senses: &Senses<'_>,
+        doubt: Option<&str>,
+    ) -> Option<(RigState, String)> {
         if let Link::Down { reason, .. } = senses.link {
             return Some((RigState::Holding, format!("homing broke off: {reason}")));
         }
+        if !is_homed(senses) {
+            return None;
+        }
+        self.uncentred &= !senses.centred;
         match doubt {
-            _ if !(is_homed(senses) && senses.centred) => None,
-            None => Some((RigState::Searching, "homed, at zero".to_owned())),
             Some(doubt) => Some((RigState::Holding, format!("homed, but {doubt}"))),
+            None if self.uncentred => None,
+            None => Some((RigState::Searching, "homed, at zero".to_owned())),
         }
     }
 
+    /// From holding to searching; first to the zero angles, when a doubt came on the way there.
     fn resume(&self, now_s: f64) -> Option<(RigState, String)> {
         let sound_s = now_s - self.sound_since_s?;
+        let next = match self.uncentred {
+            true => RigState::Homing,
+            false => RigState::Searching,
+        };
         (sound_s >= self.settings.settle_s).then(|| {
             let reason = format!("everything has been sound for {sound_s:.2} s");
-            (RigState::Searching, reason)
+            (next, reason)
         })
     }
 

@@ -177,7 +177,7 @@ fn homing() {
     assert_eq!(rig.state(), RigState::Fault);
 }
 
-/// Homed axes go to zero while all is sound, stand in any doubt, and only then is homing done.
+/// Homed axes go to zero while all is sound and stand in any doubt, which holds the rig like any other; then they go on, and only at zero is homing done.
 #[test]
 fn centring_stops_in_doubt() {
     let up = |heard_s| Link::Up { heard_s };
@@ -193,9 +193,67 @@ fn centring_stops_in_doubt() {
     assert_eq!(look(&mut rig, 0.1, false, None), Orders::Home);
     assert_eq!(look(&mut rig, 0.2, false, None), Orders::Centre);
     assert_eq!(look(&mut rig, 0.3, false, Some("dark")), Orders::Hold);
-    assert_eq!(look(&mut rig, 0.4, false, None), Orders::Centre);
+    assert_eq!(rig.state(), RigState::Holding);
+    assert_eq!(look(&mut rig, 0.4, false, None), Orders::Hold);
+    assert_eq!(look(&mut rig, 0.6, false, None), Orders::Hold);
+    assert_eq!(look(&mut rig, 0.71, false, None), Orders::Centre);
     assert_eq!(rig.state(), RigState::Homing);
-    assert_eq!(look(&mut rig, 0.5, true, None), Orders::Follow);
+    // At zero, but in doubt: the rest of the way is done.
+    assert_eq!(look(&mut rig, 0.8, true, Some("dark")), Orders::Hold);
+    assert_eq!(look(&mut rig, 0.9, false, None), Orders::Hold);
+    assert_eq!(look(&mut rig, 1.1, false, None), Orders::Hold);
+    assert_eq!(look(&mut rig, 1.21, false, None), Orders::Follow);
+    assert_eq!(rig.state(), RigState::Searching);
+    // A person who asks anew while the rig holds on the way gets a homing from the start.
+    let mut rig = supervisor();
+    rig.ask_home();
+    assert_eq!(look(&mut rig, 0.1, false, None), Orders::Home);
+    assert_eq!(look(&mut rig, 0.2, false, Some("dark")), Orders::Hold);
+    rig.ask_home();
+    assert_eq!(look(&mut rig, 0.3, false, Some("dark")), Orders::Home);
+}
+
+/// A camera that is lost while the axes look for their zeros does not stop them; once homed the rig holds, names the camera for however long it stays away, and
+/// brings the axes to zero when it is back. The time for homing is not the camera's.
+#[test]
+fn homing_needs_no_camera() {
+    let mut rig = supervisor();
+    rig.ask_home();
+    let look = |rig: &mut Supervisor, now_s: f64, axes, seen_s, centred| {
+        rig.look(&Senses {
+            axes,
+            pictures_s: [Some(seen_s), Some(now_s - 0.03)],
+            centred,
+            ..sound(now_s, &Link::Up { heard_s: now_s })
+        })
+    };
+    let (unhomed, ready) = ([AxisState::Unhomed; 4], [AxisState::Ready; 4]);
+    assert_eq!(look(&mut rig, 0.1, unhomed, 0.05, false), Orders::Home);
+    for i in 2..100 {
+        let now_s = 0.1 * f64::from(i);
+        assert_eq!(look(&mut rig, now_s, unhomed, 0.05, false), Orders::Wait);
+    }
+    for i in 100..4000 {
+        let now_s = 0.1 * f64::from(i);
+        assert_eq!(look(&mut rig, now_s, ready, 0.05, false), Orders::Hold);
+        assert_eq!(rig.state(), RigState::Holding);
+    }
+    let last = rig.memory().entries().last().unwrap().text.clone();
+    assert!(
+        last.starts_with("homed, but the left camera's newest picture is"),
+        "{last}"
+    );
+    let mut centred_s = None;
+    for i in 0..40 {
+        let now_s = 400.0 + 0.1 * f64::from(i);
+        match look(&mut rig, now_s, ready, now_s - 0.03, i > 20) {
+            Orders::Centre => centred_s = Some(now_s),
+            Orders::Follow => break,
+            _ => {}
+        }
+    }
+    assert!(centred_s.is_some_and(|s| s < 402.05), "{centred_s:?}");
+    assert_eq!(rig.state(), RigState::Searching);
 }
 
 /// Words that were said before there was a fault, or while the axes moved, do nothing later.
