@@ -184,7 +184,8 @@ pub struct Senses<'a> {
     pub centred: bool,
     /// What the control law does with its target; `None` before its first step.
     pub following: Option<ControlState>,
-    /// What the pictures say of axes that have lost their zeros without knowing; `None` when they say nothing of the kind.
+    /// What the pictures say of axes that have lost their zeros without knowing; `None` when they say nothing of the kind. Told once, it counts until the
+    /// axes are homed.
     pub lost_zero: Option<&'a str>,
     /// What the loop itself could not use since the last look: a reading, an estimate, a pair; `None` when all was well.
     pub doubt: Option<&'a str>,
@@ -219,7 +220,17 @@ pub struct Supervisor {
     uncentred: bool,
     clear_asked_s: Option<f64>,
     stop_asked: Option<String>,
+    /// What the pictures said of lost zeros, until the axes are homed.
+    lost_zero: Option<LostZero>,
     memory: Memory,
+}
+
+/// The zeros of the axes are lost, although the controller does not know.
+#[derive(Clone, Debug)]
+struct LostZero {
+    text: String,
+    /// Whether it was made a fault of.
+    told: bool,
 }
 
 impl Supervisor {
@@ -239,6 +250,7 @@ impl Supervisor {
             uncentred: false,
             clear_asked_s: None,
             stop_asked: None,
+            lost_zero: None,
             memory: Memory::default(),
         })
     }
@@ -278,6 +290,11 @@ impl Supervisor {
     /// Look at the world and decide. Times that go back, or are no numbers, are a doubt.
     pub fn look(&mut self, senses: &Senses<'_>) -> Orders {
         let now_s = self.time(senses.now_s);
+        if let Some(text) = senses.lost_zero {
+            let told = self.lost_zero.as_ref().is_some_and(|l| l.told);
+            let text = text.to_owned();
+            self.lost_zero = Some(LostZero { text, told });
+        }
         let doubt = self.doubt(senses, now_s);
         self.looked_s = Some(now_s);
         match &doubt {
@@ -332,6 +349,9 @@ impl Supervisor {
             next.name()
         );
         self.memory.decide(now_s, self.state, next, reason);
+        if next == RigState::Homing {
+            self.lost_zero = None;
+        }
         if next == RigState::Fault {
             // What a person said before it was not about this.
             self.clear_asked_s = None;
@@ -366,6 +386,11 @@ impl Supervisor {
             Starting | Holding if self.home_asked && is_up(senses.link) => {
                 self.home_asked = false;
                 Some((Homing, "a person asked for homing".to_owned()))
+            }
+            state if state != Homing && self.lost_zero.as_ref().is_some_and(|l| !l.told) => {
+                let lost = self.lost_zero.as_mut()?;
+                lost.told = true;
+                Some((Fault, lost.text.clone()))
             }
             Starting => match doubt {
                 None => Some((Searching, "cameras and controller are there".to_owned())),
@@ -428,11 +453,6 @@ impl Supervisor {
                 }
                 _ => {}
             }
-        }
-        if let Some(lost) = senses.lost_zero
-            && !matches!(self.state, RigState::Starting | RigState::Homing)
-        {
-            return Some(lost.to_owned());
         }
         let homing_s = self.settings.homing_s;
         (self.state == RigState::Homing && now_s - self.since_s > homing_s)
@@ -529,6 +549,9 @@ impl Supervisor {
             if matches!(state, AxisState::Unhomed | AxisState::Fault) {
                 return Some(format!("axis {axis:?} is {state:?}; home the rig"));
             }
+        }
+        if let Some(lost) = &self.lost_zero {
+            return Some(lost.text.clone());
         }
         senses.doubt.map(str::to_owned)
     }

@@ -52,13 +52,12 @@ type Trail = VecDeque<(f64, Point3<f64>)>;
 struct Walk {
     /// Never empty once it was added to.
     trail: Trail,
-    /// How many claims there were, and in how many of them the picture moved.
-    count: u32,
-    moved: u32,
+    /// Whether the picture moved in each of them.
+    moved: VecDeque<bool>,
 }
 
 impl Claims {
-    /// Add a sighting that was not believed, and whether what was seen moves like a person; whether it must be believed now.
+    /// Add a sighting that was not believed, and whether it lies on something of a person's size that moves in the picture; whether it must be believed now.
     pub(crate) fn add(&mut self, time_s: f64, place_in_base: Point3<f64>, moves: bool) -> bool {
         let last = |walk: &Walk| walk.trail.back().copied();
         let fresh = |walk: &Walk| last(walk).is_some_and(|last| time_s - last.0 <= PAUSE_S);
@@ -79,14 +78,15 @@ impl Claims {
             self.walks.len() - 1
         });
         let walk = &mut self.walks[index];
-        walk.count += 1;
-        walk.moved += u32::from(moves);
         let trail = &mut walk.trail;
         trail.push_back((time_s, place_in_base));
+        walk.moved.push_back(moves);
         while trail.len() > MOST || trail.front().is_some_and(|p| time_s - p.0 > MEMORY_S) {
             trail.pop_front();
+            walk.moved.pop_front();
         }
-        let moves = f64::from(walk.moved) >= MOVED_SHARE * f64::from(walk.count);
+        let moved = walk.moved.iter().filter(|m| **m).count();
+        let moves = moved as f64 >= MOVED_SHARE * trail.len() as f64;
         is_walker(&walk.trail, moves)
     }
 }
@@ -190,6 +190,16 @@ mod tests {
         };
         assert!(standing(|i| i % 4 != 3).is_some_and(|at| at < 16));
         assert_eq!(standing(|i| i % 4 == 3), None);
+        // What moved long ago says nothing of what stands now.
+        let mut claims = Claims::default();
+        let mut add =
+            |time_s: f64, x_m: f64, moves| claims.add(time_s, Point3::new(x_m, 0.0, 3.0), moves);
+        for i in 0..60_i32 {
+            // To and fro too fast for anybody: not believed, but remembered.
+            add(f64::from(i) / 30.0, 0.4 * f64::from(i % 2), true);
+        }
+        let late = (60..100_i32).filter(|&i| add(f64::from(i) / 30.0, 0.0, false) && i > 80);
+        assert_eq!(late.count(), 0);
     }
 
     /// Claims with pauses are not one walk, and their number is bounded.

@@ -37,7 +37,7 @@ pub struct Conductor {
     blind: [bool; 2],
     following: Option<ControlState>,
     doubt: Option<String>,
-    /// What the pictures say of the axes' zeros, until the axes are homed or a person has looked.
+    /// What the last step's pictures say of the axes' zeros, until the supervisor has heard it.
     lost_zero: Option<String>,
     events: Vec<DriveEvent>,
     refused_pairs: u64,
@@ -291,6 +291,7 @@ impl Conductor {
         };
         let centred = homing && !self.homing_due && is_centred(drive, now_s);
         let doubt = self.doubt.take();
+        let lost_zero = self.lost_zero.take();
         let orders = self.supervisor.look(&Senses {
             now_s,
             pictures_s: self.pictures_s,
@@ -299,16 +300,11 @@ impl Conductor {
             events: &events,
             centred,
             following: self.following,
-            lost_zero: self.lost_zero.as_deref(),
+            lost_zero: lost_zero.as_deref(),
             doubt: doubt.as_deref(),
         });
-        if matches!(
-            self.supervisor.state(),
-            RigState::Fault | RigState::Homing | RigState::Stopped
-        ) {
-            // Told, or about to be put right.
-            self.lost_zero = None;
-            self.servo.zeros_begin_anew();
+        if orders == Orders::Home {
+            self.servo.begin_homing();
         }
         self.events.extend(events);
         let excess = self.events.len().saturating_sub(EVENTS_WAITING);

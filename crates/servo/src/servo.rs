@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Matrix2, Vector2, Vector3};
 use vergence_capture::{SourceInfo, StereoFrame};
-use vergence_control::{ControlOutput, Drive, TargetEstimate as ControlTarget};
+use vergence_control::{AxisState, ControlOutput, Drive, TargetEstimate as ControlTarget};
 use vergence_geometry::{Camera, Eye};
 use vergence_imaging::Gray;
 use vergence_imaging::colour::luma_from_rgb_into;
@@ -127,7 +127,7 @@ impl Servo {
             matcher: Matcher::new(settings.matching),
             target: Target::new(filter)?,
             watch: Watch::new(info.cameras, settings.watch),
-            zeros: Zeros::default(),
+            zeros: Zeros::new(&settings.watch),
         })
     }
 
@@ -173,10 +173,6 @@ impl Servo {
             report.state = FollowState::Occluded;
             None
         });
-        let in_sight = report.sighting.is_some();
-        let lost_zero = times.timed(Stage::Health, || {
-            self.look_at_zeros(capture_s, in_sight, &stance)
-        });
         let (update, estimate, aim, control) = times.timed(Stage::Control, || {
             self.target
                 .put_on_probation(report.sighting.as_ref(), self.follower.on_probation());
@@ -190,6 +186,10 @@ impl Servo {
             let control = self.drive(&stance, aim.as_ref(), now_s)?;
             Ok::<_, ServoError>((update, estimate, aim, control))
         })?;
+        let in_sight = report.sighting.is_some();
+        let lost_zero = times.timed(Stage::Health, || {
+            self.look_at_zeros(capture_s, in_sight, &stance)
+        });
         Ok(Step {
             index: pair.index,
             capture_s,
@@ -231,21 +231,29 @@ impl Servo {
         note
     }
 
-    /// Whether the pictures say that the vergence axes have lost their zeros. Cameras that do not move have none.
+    /// Whether the pictures say that the vergence axes have lost their zeros: after the setpoints, which do not wait for it. Cameras that do not move, and
+    /// axes that have no zeros by their own word, are not asked about.
     fn look_at_zeros(
         &mut self,
         capture_s: f64,
         in_sight: bool,
         stance: &Stance,
     ) -> Option<LostZero> {
-        stance.readings.as_ref()?;
+        let Rigging::Motors(motors) = &mut self.rigging else {
+            return None;
+        };
+        let states = motors.drive_mut().states();
+        if !(states.iter()).all(|s| matches!(s, AxisState::Ready | AxisState::Held)) {
+            return None;
+        }
         let views = Eye::BOTH.map(|eye| view(&self.pictures, &self.cameras, stance, eye));
         (self.zeros).look(capture_s, in_sight, &stance.angles, [&views[0], &views[1]])
     }
 
-    /// The axes were homed, or a person has looked at what was wrong: what the pictures said of their zeros counts no more.
-    pub fn zeros_begin_anew(&mut self) {
-        self.zeros.begin_anew();
+    /// The axes are about to be homed: what the pictures said of their zeros, and what was corrected of the right one, counts no more.
+    pub fn begin_homing(&mut self) {
+        self.zeros.begin_homing();
+        self.watch.begin_anew();
     }
 
     /// Take the answer of the look at the rig's health that is under way, if any: after the last step.

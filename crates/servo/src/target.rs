@@ -127,7 +127,8 @@ impl Target {
 
     /// Whether the target can be what is seen: it must be where a walker could have got to, and have a distance unless it had one
     /// a moment ago. First sightings are not doubted. What goes on for so long, and so much like a walker, that the expectation must
-    /// be wrong is believed all the same; `moves` says that what is seen moves like a person.
+    /// be wrong is believed all the same; `moves` says that it lies on something of a person's size
+    /// that moves in the picture (a wall that is mistaken for the target behind the target itself does, too).
     pub(crate) fn can_be(
         &mut self,
         kind: SightingKind,

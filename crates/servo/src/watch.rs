@@ -105,6 +105,17 @@ impl Watch {
         }
     }
 
+    /// What is known of the right camera counts no more: its axis is homed. A look that is under way is finished, and says nothing.
+    pub(crate) fn begin_anew(&mut self) {
+        if let Some(work) = self.at_work.take()
+            && let Ok(looked) = work.thread.join()
+        {
+            self.spare = Some(looked.pictures);
+        }
+        self.monitor = Some(HealthMonitor::new(KEEP));
+        self.corrections = [Correction::default(); 2];
+    }
+
     /// What is corrected at `time_s`.
     fn correction(&self, time_s: f64) -> Correction {
         let [before, after] = &self.corrections;

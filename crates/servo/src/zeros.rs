@@ -7,25 +7,35 @@
 use vergence_geometry::HeadAngles;
 use vergence_track::{EyeView, FarSight, InfinityCheck};
 
+use crate::watch::WatchSettings;
+
 /// Time between two looks, s.
 const EVERY_S: f64 = 0.35;
 
-/// So many looks in a row make a finding.
+/// So many looks make a finding, with no better one between them ...
 const LOOKS: u32 = 3;
+
+/// ... and with no longer than this between two of them, s: in between somebody may have been taken for the target.
+const PAUSE_S: f64 = 2.0;
+
+/// Where the right camera's drift is corrected, that gets so many of its own periods to do so before anything is found here.
+const CORRECTED_WITHIN: f64 = 5.0;
 
 /// A look says something when at least so many patches were matched ...
 const LEAST_MATCHED: u32 = 6;
 
-/// ... and that the eyes stand wrong when at least so many, and this share of them, lie behind infinity.
+/// ... and that the eyes stand wrong when at least so many, and this share of them, lie behind infinity, ...
 const LEAST_BEYOND: u32 = 3;
 const BEYOND_SHARE: f64 = 0.25;
+
+/// ... by at least this angle, rad (0.3°): less may be a rig that nobody calibrated.
+const LEAST_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
 
 /// While the head turns faster than this a pair of different times would look like eyes turned apart, rad/s (3°/s).
 const STILL_RAD_S: f64 = 3.0 * std::f64::consts::PI / 180.0;
 
-/// Findings without a good look between them: the first says that steps were missed, the second that homing did not mend it, and then it is no matter
-/// of zeros.
-const FINDINGS: u32 = 2;
+/// So often it is looked at beside somebody who is followed, to see that the rig is well; a room without anything to match never shows it.
+const LOOKS_IN_SIGHT: u32 = 30;
 
 /// What the looks say together.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,33 +52,62 @@ impl LostZero {
     /// As a sentence for a person who is to do something.
     pub fn sentence(&self) -> String {
         let degrees = self.by_rad.to_degrees();
-        let seen = format!(
-            "what both cameras see lies behind infinity: they are turned towards each other at least {degrees:.1} degrees further than the vergence axes say"
-        );
-        match self.again {
-            false => format!(
-                "{seen}; a motor has missed steps, or left and right are swapped: home the rig"
-            ),
-            true => format!(
-                "{seen}, and homing did not mend it; look whether a camera was turned or left and right are swapped, and calibrate"
-            ),
-        }
+        let remedy = if !self.was_right {
+            "they never stood as calibrated in this run: calibrate the rig, or see whether left and right are swapped"
+        } else if self.again {
+            "homing did not mend it: see whether a camera was turned, left and right are swapped or one repeats an old picture, and calibrate"
+        } else {
+            "a motor has missed steps: home the rig (or left and right are swapped, a camera was turned, or one repeats an old picture)"
+        };
+        format!(
+            "what both cameras see lies behind infinity: they are turned towards each other at least {degrees:.1} degrees further than the vergence axes say; {remedy}"
+        )
     }
+}
+
+/// How far it has come since the eyes were last seen to stand right.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Told {
+    #[default]
+    Nothing,
+    /// Told, and not homed since.
+    Lost,
+    /// Homed since.
+    Homed,
+    /// Told that homing did not mend it; more homing would not either.
+    GivenUp,
 }
 
 /// The looks, with what they said so far.
 #[derive(Default)]
 pub(crate) struct Zeros {
     check: InfinityCheck,
+    /// A finding takes at least so long from its first look on, s.
+    patience_s: f64,
     due_s: f64,
     before: Option<(f64, HeadAngles)>,
+    looks_in_sight: u32,
+    /// Looks that found the eyes wrong: how many in a row, and when the first and the last of them were, s.
     bad: u32,
+    bad_s: [f64; 2],
     good: u32,
     was_right: bool,
-    findings: u32,
+    told: Told,
 }
 
 impl Zeros {
+    /// For a rig whose health is watched in this way beside.
+    pub(crate) fn new(watch: &WatchSettings) -> Self {
+        let patience_s = match watch.correct {
+            true => CORRECTED_WITHIN * watch.every_s,
+            false => 0.0,
+        };
+        Self {
+            patience_s,
+            ..Self::default()
+        }
+    }
+
     /// Look at a pair when it is time to. `in_sight` says that somebody is followed in it.
     pub(crate) fn look(
         &mut self,
@@ -78,22 +117,28 @@ impl Zeros {
         views: [&EyeView; 2],
     ) -> Option<LostZero> {
         let still = self.stands(time_s, angles);
-        if in_sight && self.was_right {
-            self.bad = 0;
-            return None;
-        }
         if !still || time_s < self.due_s {
             return None;
         }
+        if in_sight {
+            if self.was_right || self.looks_in_sight >= LOOKS_IN_SIGHT {
+                return None;
+            }
+            self.looks_in_sight += 1;
+        }
         self.due_s = time_s + EVERY_S;
         let sight = self.check.look(views[0], views[1]);
-        self.take(&sight)
+        self.take(time_s, &sight)
     }
 
-    /// The axes were homed, or a person has looked: what was seen before counts no more.
-    pub(crate) fn begin_anew(&mut self) {
+    /// The axes are about to be homed: what was seen before counts no more.
+    pub(crate) fn begin_homing(&mut self) {
         self.bad = 0;
         self.good = 0;
+        self.before = None;
+        if self.told == Told::Lost {
+            self.told = Told::Homed;
+        }
     }
 
     fn stands(&mut self, time_s: f64, angles: &HeadAngles) -> bool {
@@ -107,30 +152,41 @@ impl Zeros {
         })
     }
 
-    fn take(&mut self, sight: &FarSight) -> Option<LostZero> {
+    fn take(&mut self, time_s: f64, sight: &FarSight) -> Option<LostZero> {
         if sight.matched < LEAST_MATCHED {
             return None;
         }
         let least = BEYOND_SHARE * f64::from(sight.matched);
-        if sight.beyond < LEAST_BEYOND || f64::from(sight.beyond) < least {
+        let beyond = sight.beyond >= LEAST_BEYOND && f64::from(sight.beyond) >= least;
+        if !(beyond && sight.by_rad >= LEAST_RAD) {
             self.bad = 0;
             self.good += 1;
             if self.good >= LOOKS {
                 self.was_right = true;
-                self.findings = 0;
+                self.told = Told::Nothing;
             }
             return None;
         }
         self.good = 0;
+        if self.bad == 0 || time_s - self.bad_s[1] > PAUSE_S {
+            self.bad = 0;
+            self.bad_s[0] = time_s;
+        }
+        self.bad_s[1] = time_s;
         self.bad += 1;
-        if self.bad < LOOKS || self.findings >= FINDINGS {
+        if self.bad < LOOKS || time_s - self.bad_s[0] < self.patience_s {
             return None;
         }
         self.bad = 0;
-        self.findings += 1;
+        let again = self.told == Told::Homed;
+        self.told = match self.told {
+            Told::Nothing => Told::Lost,
+            Told::Homed => Told::GivenUp,
+            Told::Lost | Told::GivenUp => return None,
+        };
         Some(LostZero {
             by_rad: sight.by_rad,
-            again: self.findings > 1,
+            again,
             was_right: self.was_right,
         })
     }
@@ -148,8 +204,16 @@ mod tests {
         }
     }
 
+    /// What is told of looks `EVERY_S` apart, from `from_s` on.
+    fn told_from(zeros: &mut Zeros, from_s: f64, looks: &[FarSight]) -> Vec<LostZero> {
+        let looks = looks.iter().enumerate();
+        looks
+            .filter_map(|(i, look)| zeros.take(from_s + i as f64 * EVERY_S, look))
+            .collect()
+    }
+
     fn told(zeros: &mut Zeros, looks: &[FarSight]) -> Vec<LostZero> {
-        looks.iter().filter_map(|look| zeros.take(look)).collect()
+        told_from(zeros, 0.0, looks)
     }
 
     const GOOD: [FarSight; 3] = [FarSight {
@@ -158,7 +222,7 @@ mod tests {
         by_rad: 0.0,
     }; 3];
 
-    /// Three looks in a row make a finding, not two, nor three with a good one among them; few matches say nothing.
+    /// Three looks in a row make a finding, not two, nor three with a good one among them or a long pause; few matches say nothing, nor does a little.
     #[test]
     fn one_look_is_no_finding() {
         let mut zeros = Zeros::default();
@@ -167,24 +231,48 @@ mod tests {
         assert!(told(&mut zeros, &[bad, bad, good, bad, bad, good]).is_empty());
         assert!(told(&mut zeros, &[sight(5, 5); 9]).is_empty());
         assert!(told(&mut zeros, &[sight(30, 5); 9]).is_empty());
-        let found = told(&mut zeros, &[bad, bad, sight(3, 3), bad]);
+        let little = FarSight {
+            by_rad: 0.004,
+            ..bad
+        };
+        assert!(told(&mut zeros, &[little; 9]).is_empty());
+        assert!(told_from(&mut zeros, 10.0, &[bad, bad]).is_empty());
+        assert!(told_from(&mut zeros, 13.0, &[bad, bad]).is_empty());
+        assert!(told(&mut zeros, &[good]).is_empty());
+        let found = told_from(&mut zeros, 20.0, &[bad, bad, sight(3, 3), bad]);
         assert_eq!(found.len(), 1);
         assert!(found[0].was_right && !found[0].again && found[0].by_rad == 0.01);
         assert!(found[0].sentence().contains("0.6 degrees"));
     }
 
-    /// What homing does not mend is told once more and then left alone, until the eyes stand right again; what was never right is the calibration.
+    /// Told once until the axes are homed, then once that homing did not mend it, and no more until the eyes stand right again; what was never right is the
+    /// calibration.
     #[test]
-    fn it_is_told_twice() {
+    fn it_is_told_once_and_once_more_after_homing() {
         let mut zeros = Zeros::default();
-        let bad = [sight(10, 5); 3];
+        let bad = [sight(10, 5); 30];
         let first = told(&mut zeros, &bad);
-        assert!(!first[0].was_right);
-        zeros.begin_anew();
-        assert!(told(&mut zeros, &bad)[0].again);
-        assert!(told(&mut zeros, &[sight(10, 5); 30]).is_empty());
+        assert!(first.len() == 1 && !first[0].was_right && !first[0].again);
+        assert!(first[0].sentence().contains("calibrate"));
+        zeros.begin_homing();
+        let second = told(&mut zeros, &bad);
+        assert!(second.len() == 1 && second[0].again);
+        zeros.begin_homing();
+        assert!(told(&mut zeros, &bad).is_empty());
         assert!(told(&mut zeros, &GOOD).is_empty());
         let anew = told(&mut zeros, &bad);
-        assert!(anew[0].was_right && !anew[0].again);
+        assert!(anew.len() == 1 && anew[0].was_right && !anew[0].again);
+    }
+
+    /// Where the right camera's drift is corrected, that has five of its periods to do so.
+    #[test]
+    fn a_correction_comes_first() {
+        let mut zeros = Zeros::new(&WatchSettings {
+            every_s: 1.0,
+            correct: true,
+        });
+        assert!(told(&mut zeros, &[sight(10, 5); 15]).is_empty());
+        assert!(told(&mut zeros, &GOOD).is_empty());
+        assert_eq!(told_from(&mut zeros, 10.0, &[sight(10, 5); 17]).len(), 1);
     }
 }

@@ -111,7 +111,7 @@ fn soak(asked: &Asked) -> anyhow::Result<bool> {
     let unjudged: u64 = verdicts.iter().map(|v| v.unjudged).sum();
     let simulated_s = asked.seconds * asked.seeds as f64;
     let moving = verdicts.iter().map(|v| v.moving).sum::<f64>() / verdicts.len().max(1) as f64;
-    // Of two programs that behave alike it is the same, bit for bit.
+    // Of two programs that behave alike it is the same.
     let fingerprint = (verdicts.iter()).fold(0, |all, v| hash::mix(all ^ v.fingerprint));
     println!(
         "{} seeds, {violations} violations, {simulated_s:.0} s simulated in {wall_s:.1} s ({:.1} times real time), axes allowed to move {:.0} % of it, {unjudged} groups of faults not judged, fingerprint {fingerprint:016x}",

@@ -2,11 +2,12 @@
 
 use std::collections::VecDeque;
 
+use nalgebra::Point3;
 use vergence_capture::{Frame, Pairer, PairingLimits, SourceInfo, StereoFrame};
 use vergence_control::{ControlSettings, Controller, ModeRequest, RigState, SupervisorSettings};
-use vergence_geometry::HeadGeometry;
+use vergence_geometry::{HeadAngles, HeadGeometry};
 use vergence_imaging::Rgb;
-use vergence_servo::{Conductor, Motors, Rigging, Servo, ServoSettings, WatchSettings};
+use vergence_servo::{Conductor, Motors, Rigging, Servo, ServoSettings, Step, WatchSettings};
 
 use crate::eyes::{self, Eyes, FPS, Sent};
 use crate::faults::{Fault, Planted, planted};
@@ -31,6 +32,12 @@ const PATIENCE_S: f64 = 3.0;
 
 /// The recording is read this often while it is written, s.
 const READ_EVERY_S: f64 = 7.3;
+
+/// Zeros of which the pictures say that they are lost must be off by at least this, rad (0.15 degrees).
+const FALSE_RAD: f64 = 0.0026;
+
+/// So long after eyes were swapped the pictures may still be found wrong, s.
+const SWAPPED_S: f64 = 0.2;
 
 /// So many frames may be on their way.
 const MOST_ON_THE_WAY: usize = 256;
@@ -273,6 +280,7 @@ impl Run {
                     let pointing = self.eyes.pointing(self.world_s);
                     let truth = self.eyes.truth(self.world_s);
                     self.watcher.saw(self.world_s, step, pointing, truth);
+                    self.judge_lost_zero(step, truth);
                     self.tape.step(self.world_s, &pair, step);
                 }
             }
@@ -282,6 +290,23 @@ impl Run {
             self.conductor.look(now_s);
         }
         Ok(())
+    }
+
+    /// What the pictures say of lost zeros must be true: the cameras stand otherwise than the axes say. Only eyes that are swapped look the same.
+    fn judge_lost_zero(&mut self, step: &Step, truth: Option<(Point3<f64>, HeadAngles)>) {
+        let (Some(lost), Some((_, angles))) = (&step.lost_zero, truth) else {
+            return;
+        };
+        let off_rad = angles.vergence() - step.angles.vergence();
+        let world_s = self.world_s;
+        let swapped = |p: &Planted| {
+            p.fault == Fault::Swapped && (p.from_s..p.until_s + SWAPPED_S).contains(&world_s)
+        };
+        if off_rad < FALSE_RAD && !self.faults.iter().any(swapped) {
+            let text = lost.sentence();
+            self.watcher
+                .violated(world_s, &format!("a false alarm: {text}"));
+        }
     }
 
     /// What a person at the rig does: look at a fault for half a second, clear it, and home what is not homed.
@@ -353,8 +378,8 @@ mod tests {
 
     use super::*;
 
-    /// Run a seed's world for so long with these faults instead of its own.
-    fn run_with(seed: u64, seconds: f64, faults: Vec<Planted>) -> Verdict {
+    /// Run a seed's world for so long with these faults instead of its own; the verdict, and what the supervisor decided last.
+    fn run_with(seed: u64, seconds: f64, faults: Vec<Planted>) -> (Verdict, Vec<String>) {
         let plan = Plan {
             seed,
             seconds,
@@ -365,7 +390,9 @@ mod tests {
         for step in 1..=(plan.seconds / STEP_S).round() as u64 {
             run.step(step as f64 * STEP_S).unwrap();
         }
-        run.finish()
+        let decisions = run.conductor.decisions();
+        let decisions = decisions.map(|d| d.text.clone()).collect();
+        (run.finish(), decisions)
     }
 
     /// A clock that jumps back by 3.6 s while a pair is on its way, as it does once in three: the target is followed again within 2 s, not after 3.6.
@@ -377,7 +404,7 @@ mod tests {
             from_s: 9.079,
             until_s: 9.08,
         };
-        let verdict = run_with(56, 13.0, vec![jump]);
+        let (verdict, _) = run_with(56, 13.0, vec![jump]);
         assert_eq!(verdict.count, 0, "{:?}", verdict.violations);
     }
 
@@ -385,7 +412,7 @@ mod tests {
     /// given its prediction up, and a wall that was taken for the person a moment ago does not stand in the way.
     #[test]
     fn a_distance_that_ran_away_is_corrected() {
-        let verdict = run_with(128, 15.0, planted(128, 60.0));
+        let (verdict, _) = run_with(128, 15.0, planted(128, 60.0));
         assert_eq!(verdict.count, 0, "{:?}", verdict.violations);
     }
 
@@ -403,8 +430,15 @@ mod tests {
             from_s: 14.0,
             until_s: 16.3,
         };
-        let verdict = run_with(647, 28.0, vec![lost, stuck]);
+        let (verdict, decisions) = run_with(647, 28.0, vec![lost, stuck]);
         assert_eq!(verdict.count, 0, "{:?}", verdict.violations);
+        let told: Vec<&String> = (decisions.iter())
+            .filter(|text| text.contains("behind infinity"))
+            .collect();
+        assert!(
+            told.len() == 1 && told[0].contains("missed steps"),
+            "{told:?}"
+        );
         // Only of the first fault nothing is known, which the second one followed.
         assert_eq!(verdict.unjudged, 1);
     }

@@ -40,7 +40,7 @@ pub struct Verdict {
     pub unjudged: u64,
     /// Share of the time in which the axes were allowed to move.
     pub moving: f64,
-    /// Depends on every step: where the target was seen and what the rig did.
+    /// Depends on every step: where the target was believed and truly was in the pictures, where the axes stood, and the rig's state.
     pub fingerprint: u64,
 }
 
@@ -208,9 +208,16 @@ impl Watcher {
         self.unused = unused;
     }
 
+    /// Let the fingerprint depend on these.
+    fn mix(&mut self, values: impl IntoIterator<Item = u64>) {
+        for value in values {
+            self.fingerprint = vergence_scene::hash::mix(self.fingerprint ^ value);
+        }
+    }
+
     /// What the loop saw and believes, a line for every pair.
     pub(crate) fn saw(
-        &self,
+        &mut self,
         world_s: f64,
         step: &Step,
         pointing: Option<f64>,
@@ -218,6 +225,9 @@ impl Watcher {
     ) {
         let point = |p: Point3<f64>| format!("({:.2}, {:.2}, {:.2})", p.x, p.y, p.z);
         let or_none = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
+        let believed = step.estimate.map(|e| e.position_in_base.coords);
+        self.mix(believed.unwrap_or_default().iter().map(|c| c.to_bits()));
+        self.mix(step.angles.to_array().map(f64::to_bits));
         let degrees = |angles: HeadAngles| {
             let [pan, tilt, left, right] = angles.to_array().map(f64::to_degrees);
             format!("{pan:.1}, {tilt:.1}, {left:.1}, {right:.1} deg")
@@ -266,8 +276,7 @@ impl Watcher {
     ) {
         self.state = state;
         self.steps += 1;
-        let seen = pointing.unwrap_or(-1.0).to_bits() ^ state as u64;
-        self.fingerprint = vergence_scene::hash::mix(self.fingerprint ^ seen);
+        self.mix([pointing.unwrap_or(-1.0).to_bits(), state as u64]);
         self.moving += u64::from(state.may_move());
         let waits_for_a_person = match state {
             RigState::Fault | RigState::Homing => true,

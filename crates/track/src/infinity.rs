@@ -19,9 +19,8 @@ const SAMPLES: [usize; 2] = [13, 11];
 /// ... so many to a picture's width: two pixels of a picture of 256 apart.
 const ACROSS: f64 = 128.0;
 
-/// Angles of parallax that are searched, rad: from eyes that turn apart by 15°, more than the axes of a rig do, to a point at half a metre for
-/// lenses 70 mm apart, and as much again.
-const SEARCHED_RAD: [f64; 2] = [-0.27, 0.28];
+/// Angles of parallax that are searched, rad (±15°, more than the vergence axes of a rig turn, and never more than the picture is wide).
+const SEARCHED_RAD: [f64; 2] = [-0.27, 0.27];
 
 /// Steps of the search, in samples.
 const STEP: f64 = 0.7;
@@ -98,7 +97,6 @@ impl InfinityCheck {
     /// The parallax of what the left eye sees along `ray`, rad: baseline over distance, less than 0 behind infinity. `None` where it has no clear match.
     fn parallax(&mut self, left: &EyeView, right: &EyeView, ray: &Vector3<f64>) -> Option<f64> {
         let lens = left.lens();
-        let apart = right.lens() - lens;
         let stride_rad = left.camera.intrinsics.width as f64 / ACROSS / left.camera.intrinsics.fx;
         let lattice = Lattice::centred(SAMPLES[0], SAMPLES[1], stride_rad, 0.0, 0.0);
         let facet = Facet::facing(&lens, ray, 1.0, &Vector3::y());
@@ -106,16 +104,18 @@ impl InfinityCheck {
         if sample(left, &seen, &mut self.left) < 1.0 || !normalise(&mut self.left, None) {
             return None;
         }
-        let [from, to] = SEARCHED_RAD;
+        let width_rad = left.camera.intrinsics.width as f64 / left.camera.intrinsics.fx;
+        let [from, to] = SEARCHED_RAD.map(|rad| rad.clamp(-width_rad, width_rad));
         let step_rad = STEP * stride_rad;
         let count = ((to - from) / step_rad).ceil() as usize + 1;
+        let aside = (right.lens() - lens).normalize();
         self.scores.clear();
         for n in 0..count {
-            // A point at 1 m seen by eyes `q` times as far apart stands for one at `1 / q` metres, and with eyes that have changed places for one
-            // behind infinity.
+            // Parallax is the distance of the eyes over that of a point: a point at 1 m seen by eyes so many metres apart has it, and with eyes
+            // that have changed places one behind infinity.
             let parallax_rad = from + n as f64 * step_rad;
             let mut view = *right;
-            view.base_from_cam.translation.vector = lens.coords + apart.normalize() * parallax_rad;
+            view.base_from_cam.translation.vector = lens.coords + aside * parallax_rad;
             let score = Footprint::new(&view, &facet, &lattice).and_then(|there| {
                 let inside = sample(&view, &there, &mut self.right);
                 (inside > 0.9).then(|| correlation(&self.left, &self.right, None))?
@@ -123,9 +123,9 @@ impl InfinityCheck {
             self.scores.push(score.unwrap_or(f64::NEG_INFINITY));
         }
         let (at, score) = best_of(&self.scores)?;
-        let apart = |n: usize| (n as f64 - at).abs() > BESIDE as f64;
+        let is_apart = |n: usize| (n as f64 - at).abs() > BESIDE as f64;
         let second = (self.scores.iter().enumerate())
-            .filter(|(n, _)| apart(*n))
+            .filter(|(n, _)| is_apart(*n))
             .map(|(_, s)| *s)
             .fold(f64::NEG_INFINITY, f64::max);
         (score >= SCORE && second <= score - CLEARER_BY).then_some(from + at * step_rad)

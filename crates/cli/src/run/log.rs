@@ -122,6 +122,11 @@ impl Log {
         plan: &Plan,
     ) -> anyhow::Result<Row> {
         let servo = conductor.servo();
+        if let Some(lost) = step.lost_zero.filter(|lost| !lost.was_right) {
+            // What is a fault is told as one.
+            self.panel.clear();
+            crate::output::say(&format!("{:.2} s: {}", step.capture_s, lost.sentence()));
+        }
         if let Some(note) = step.health.clone() {
             self.take_health(note, step.capture_s);
         }

@@ -11,7 +11,7 @@ const SURE_AFTER_S: f64 = 1.0;
 /// The direction in which the target is usually seen is its mean over about so long, s.
 const USUAL_S: f64 = 15.0;
 
-/// Where a rig is pointed when its head is at zero is where targets are thought to be until they were seen for longer, s: a target that was
+/// Where a rig looks with its pan at zero is where targets are thought to be until they were seen for longer, s: a target that was
 /// lost soon after it was first seen is looked for from there on, not where it happened to walk out of the picture.
 const ZERO_FOR_S: f64 = 3.0;
 
@@ -37,10 +37,12 @@ impl Controller {
         let share = step_s / self.usual_s;
         self.noted_s = at_s;
         let usual = self.usual_at.get_or_insert_with(|| {
-            [0, 1].map(|i| {
-                let l = &self.limits[i];
-                0.0_f64.clamp(l.position_min_rad, l.position_max_rad)
-            })
+            // Pan only: cameras that stand higher or lower than people look up or down at all of them.
+            let pan = &self.limits[0];
+            [
+                0.0_f64.clamp(pan.position_min_rad, pan.position_max_rad),
+                seen[1],
+            ]
         });
         for (usual, seen) in usual.iter_mut().zip(seen) {
             *usual += share * (seen - *usual);

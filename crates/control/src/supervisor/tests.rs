@@ -177,6 +177,49 @@ fn homing() {
     assert_eq!(rig.state(), RigState::Fault);
 }
 
+/// Zeros of which the pictures say that they are lost stay lost until the axes are homed: clearing the fault alone leads to holding, for as long as one likes, and a
+/// person who asks for homing while the rig holds anyway gets it at once, without a fault.
+#[test]
+fn lost_zeros_are_lost_until_homed() {
+    let mut rig = supervisor();
+    let mut now_s = 1.0;
+    let mut look = |rig: &mut Supervisor, lost_zero: Option<&str>, doubt: Option<&str>| {
+        now_s += 0.01;
+        let up = Link::Up { heard_s: now_s };
+        rig.look(&Senses {
+            lost_zero,
+            doubt,
+            ..sound(now_s, &up)
+        })
+    };
+    assert_eq!(look(&mut rig, None, None), Orders::Follow);
+    assert_eq!(
+        look(&mut rig, Some("steps were missed"), None),
+        Orders::Hold
+    );
+    assert_eq!(rig.state(), RigState::Fault);
+    rig.ask_clear();
+    for _ in 0..1000 {
+        assert_eq!(look(&mut rig, None, None), Orders::Hold);
+        assert_ne!(rig.state(), RigState::Homing);
+    }
+    assert_eq!(rig.state(), RigState::Holding);
+    rig.ask_home();
+    assert_eq!(look(&mut rig, None, None), Orders::Home);
+    assert_eq!(look(&mut rig, None, None), Orders::Follow);
+    // Anything else holds the rig, the pictures say it then, and a person homes.
+    assert_eq!(look(&mut rig, None, Some("a reading")), Orders::Hold);
+    rig.ask_home();
+    assert_eq!(
+        look(&mut rig, Some("steps were missed"), Some("a reading")),
+        Orders::Home
+    );
+    for _ in 0..100 {
+        look(&mut rig, None, None);
+    }
+    assert_eq!(rig.state(), RigState::Searching);
+}
+
 /// Homed axes go to zero while all is sound and stand in any doubt, which holds the rig like any other; then they go on, and only at zero is homing done.
 #[test]
 fn centring_stops_in_doubt() {
