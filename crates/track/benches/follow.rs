@@ -10,7 +10,7 @@ use vergence_imaging::Rgb;
 use vergence_imaging::colour::luma_from_rgb;
 use vergence_imaging::pyramid::Pyramid;
 use vergence_scene::{Renderer, Shot, TwinCamera, World, WorldConfig};
-use vergence_track::{EyeView, FollowSettings, FollowState, Follower, Observation};
+use vergence_track::{EyeView, FollowSettings, FollowState, Follower, InfinityCheck, Observation};
 
 const HEAD: HeadGeometry = HeadGeometry {
     interaxial_m: 0.07,
@@ -59,15 +59,18 @@ impl Footage {
         }
     }
 
-    fn show(&self, follower: &mut Follower, index: usize) -> FollowState {
-        let view = |i: usize| EyeView {
-            pyramid: &self.pairs[index][i],
+    fn view(&self, index: usize, eye: usize) -> EyeView<'_> {
+        EyeView {
+            pyramid: &self.pairs[index][eye],
             camera: &self.camera.camera,
-            base_from_cam: self.poses[i],
-        };
+            base_from_cam: self.poses[eye],
+        }
+    }
+
+    fn show(&self, follower: &mut Follower, index: usize) -> FollowState {
         let seen = Observation {
-            left: view(0),
-            right: Some(view(1)),
+            left: self.view(index, 0),
+            right: Some(self.view(index, 1)),
             time_s: index as f64 / 30.0,
         };
         follower
@@ -104,6 +107,14 @@ fn searching(bencher: divan::Bencher, from_s: f64) {
     bencher
         .with_inputs(|| follower.clone())
         .bench_local_values(|mut follower| footage.show(&mut follower, 11));
+}
+
+/// One look whether anything lies behind infinity; the loop takes one in ten pairs while nobody is followed.
+#[divan::bench(sample_count = 20)]
+fn behind_infinity(bencher: divan::Bencher) {
+    let footage = Footage::new(0.5, 1);
+    let mut check = InfinityCheck::default();
+    bencher.bench_local(|| check.look(&footage.view(0, 0), &footage.view(0, 1)));
 }
 
 fn main() {

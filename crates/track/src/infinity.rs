@@ -10,8 +10,17 @@ use crate::range::{best_of, correlation, normalise};
 use crate::sampling::{Facet, Footprint, Lattice, sample};
 use crate::view::EyeView;
 
-/// Patches that are looked at, across and down.
+/// Patches that can be looked at, across and down ...
 const PATCHES: [usize; 2] = [6, 5];
+
+/// ... in steps of so many of them, which leads through all, so that the first few lie all over the picture ...
+const SPREAD: usize = 11;
+
+/// ... until so many were found.
+const ENOUGH: u32 = 14;
+
+/// A patch's place in the right picture is worked out exactly at every so manieth step of the search (6 degrees), and shifted with its middle in between.
+const EXACT_EVERY: usize = 16;
 
 /// Samples of a patch, across and down ...
 const SAMPLES: [usize; 2] = [13, 11];
@@ -66,22 +75,25 @@ impl InfinityCheck {
         let k = &left.camera.intrinsics;
         let place =
             |i: usize, of: usize, size: usize| (i as f64 + 0.5) / of as f64 * size as f64 - 0.5;
-        for j in 0..PATCHES[1] {
-            for i in 0..PATCHES[0] {
-                let middle = Point2::new(
-                    place(i, PATCHES[0], k.width),
-                    place(j, PATCHES[1], k.height),
-                );
-                let Some(angle_rad) = left
-                    .ray(&middle)
-                    .and_then(|ray| self.parallax(left, right, &ray))
-                else {
-                    continue;
-                };
-                sight.matched += 1;
-                if angle_rad < -BEYOND_RAD {
-                    self.beyond.push(-angle_rad);
-                }
+        let all = PATCHES[0] * PATCHES[1];
+        for n in 0..all {
+            if sight.matched == ENOUGH {
+                break;
+            }
+            let number = n * SPREAD % all;
+            let middle = Point2::new(
+                place(number % PATCHES[0], PATCHES[0], k.width),
+                place(number / PATCHES[0], PATCHES[1], k.height),
+            );
+            let Some(angle_rad) = left
+                .ray(&middle)
+                .and_then(|ray| self.parallax(left, right, &ray))
+            else {
+                continue;
+            };
+            sight.matched += 1;
+            if angle_rad < -BEYOND_RAD {
+                self.beyond.push(-angle_rad);
             }
         }
         self.beyond.sort_by(f64::total_cmp);
@@ -110,13 +122,23 @@ impl InfinityCheck {
         let count = ((to - from) / step_rad).ceil() as usize + 1;
         let aside = (right.lens() - lens).normalize();
         self.scores.clear();
+        let centre = facet.at(0.0, 0.0);
+        let mut exact: Option<(Footprint, Point2<f64>)> = None;
         for n in 0..count {
             // Parallax is the distance of the eyes over that of a point: a point at 1 m seen by eyes so many metres apart has it, and with eyes
             // that have changed places one behind infinity.
-            let parallax_rad = from + n as f64 * step_rad;
             let mut view = *right;
-            view.base_from_cam.translation.vector = lens.coords + aside * parallax_rad;
-            let score = Footprint::new(&view, &facet, &lattice).and_then(|there| {
+            view.base_from_cam.translation.vector =
+                lens.coords + aside * (from + n as f64 * step_rad);
+            let middle = view.project(&centre);
+            if n.is_multiple_of(EXACT_EVERY) {
+                exact = Footprint::new(&view, &facet, &lattice).zip(middle);
+            }
+            let there = match (&exact, middle) {
+                (Some((exact, from)), Some(to)) => Some(exact.shifted(to - from)),
+                _ => None,
+            };
+            let score = there.and_then(|there| {
                 let inside = sample(&view, &there, &mut self.right);
                 (inside > 0.9).then(|| correlation(&self.left, &self.right, None))?
             });

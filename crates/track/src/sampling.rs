@@ -124,6 +124,14 @@ impl Footprint {
         })
     }
 
+    /// The same shape elsewhere in the picture, full-size pixels.
+    pub(crate) fn shifted(&self, by: Vector2<f64>) -> Self {
+        Self {
+            nodes: self.nodes.map(|row| row.map(|node| node + by)),
+            ..*self
+        }
+    }
+
     /// Mean distance of neighbouring samples, full-size pixels.
     pub(crate) fn stride_px(&self) -> f64 {
         let n = &self.nodes;
