@@ -1,6 +1,6 @@
 //! The rig's health in `vergence run`: a camera that is knocked is told with what it means and what was corrected, in JSON and in words; the
 //! correction can be switched off, and so can the watch; threads change nothing. How well drifts are found is tested beside the loop itself
-//! (`vergence-servo`, tests/health.rs).
+//! (`vergence-servo`, tests/rig/health.rs).
 
 // Helper functions outside `#[test]` fail the test as the tests themselves do.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]

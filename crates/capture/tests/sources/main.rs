@@ -1,0 +1,13 @@
+//! Sources of pairs: each module says what it proves. One program, because
+//! linking takes longer than most of these tests.
+
+#![allow(
+    clippy::unwrap_used,
+    reason = "a test that meets the unexpected stops there"
+)]
+
+mod files;
+mod pairing;
+mod recorded;
+mod twin;
+mod video;

@@ -1,0 +1,15 @@
+//! The formulas of viewing and planning: each module says what it proves. One program, because
+//! linking takes longer than most of these tests.
+
+#![allow(
+    clippy::unwrap_used,
+    reason = "a test that meets the unexpected stops there"
+)]
+
+mod bulk;
+mod comfort;
+mod oracle;
+mod paper;
+mod planning;
+mod thresholds;
+mod viewing;

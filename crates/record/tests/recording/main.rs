@@ -1,0 +1,15 @@
+//! Recordings: each module says what it proves. One program, because
+//! linking takes longer than most of these tests.
+
+#![allow(
+    clippy::unwrap_used,
+    reason = "a test that meets the unexpected stops there"
+)]
+
+mod disk;
+mod hostile;
+mod reference;
+mod round_trip;
+
+#[path = "../runs/mod.rs"]
+mod runs;

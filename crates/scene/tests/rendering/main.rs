@@ -1,0 +1,12 @@
+//! The twin's world, pictures and truth: each module says what it proves. One program, because
+//! linking takes longer than most of these tests.
+
+#![allow(
+    clippy::unwrap_used,
+    reason = "a test that meets the unexpected stops there"
+)]
+
+mod exact;
+mod pictures;
+mod truth;
+mod world;

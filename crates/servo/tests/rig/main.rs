@@ -1,0 +1,11 @@
+//! The loop of a whole rig: each module says what it proves. One program, because
+//! linking takes longer than most of these tests.
+
+#![allow(
+    clippy::unwrap_used,
+    reason = "a test that meets the unexpected stops there"
+)]
+
+mod conductor;
+mod health;
+mod twin;
