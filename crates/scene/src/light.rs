@@ -238,17 +238,6 @@ fn received(e: &Emitter, to: &Vector3<f64>, normal: &Vector3<f64>) -> f64 {
     e.radiance * area * arriving * leaving / (std::f64::consts::PI * d2 + area)
 }
 
-/// Whether a thing lies so near to a place that it can take sky light away from it.
-fn is_near(c: &Cuboid, p: &Point3<f64>) -> bool {
-    let square = |axis: usize| {
-        (c.lo[axis] - p[axis])
-            .max(p[axis] - c.hi[axis])
-            .max(0.0)
-            .powi(2)
-    };
-    square(0) + square(1) + square(2) <= (NEAR_M + SLACK_M).powi(2)
-}
-
 /// Whether a thing reaches into the box that holds a place and an emitter: else it hides nothing of it.
 fn is_between(c: &Cuboid, p: &Point3<f64>, e: &Emitter) -> bool {
     (0..3).all(|axis| {
@@ -310,6 +299,16 @@ fn faces_of(lo: &Point3<f64>, hi: &Point3<f64>, outward: f64) -> Vec<Face> {
         .collect()
 }
 
+/// Whether a ray of [`NEAR_M`] can meet the cuboid.
+fn is_near(c: &Cuboid, p: &Point3<f64>) -> bool {
+    let square: f64 = (0..3)
+        .map(|k| (c.lo[k] - p[k]).max(p[k] - c.hi[k]).max(0.0))
+        .map(|gap| gap * gap)
+        .sum();
+    // A little more than the rays' length, which is 1 to the last digits only.
+    square < 1.001 * NEAR_M * NEAR_M
+}
+
 fn reaches(c: &Cuboid, face: &Face) -> bool {
     let [a, b] = surface_axes(face.axis);
     let gap = |axis: usize, r: [f64; 2]| (c.lo[axis] - r[1]).max(r[0] - c.hi[axis]);
@@ -327,4 +326,65 @@ pub(crate) fn balls(solids: &[Solid]) -> Vec<(Point3<f64>, f64)> {
             (s.centre, (thick * s.bound_m).sqrt().min(s.bound_m))
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Cuboid, Lighting, ROOM, Room, is_between, is_near, open_sky};
+    use crate::hash::Draws;
+    use crate::material::Palette;
+    use nalgebra::{Point3, Vector3};
+
+    /// The sky over a place is the same to the bit with all things of the room and with those that [`is_near`] leaves.
+    #[test]
+    fn far_things_take_no_sky() {
+        let room = Room::new(&mut Palette::default(), 3, false);
+        let all: Vec<&Cuboid> = room.cuboids.iter().collect();
+        let mut draws = Draws::new(1, 1);
+        let (mut met, mut left_out) = (0, 0);
+        for key in 0..3000 {
+            let p = Point3::from(ROOM.map(|[low, high]| draws.between(low, high)));
+            let mut normal = Vector3::zeros();
+            normal[key as usize % 3] = if key % 2 == 0 { 1.0 } else { -1.0 };
+            let near: Vec<&Cuboid> = all.iter().copied().filter(|c| is_near(c, &p)).collect();
+            let open = open_sky(&p, &normal, &near, key);
+            assert_eq!(
+                open.to_bits(),
+                open_sky(&p, &normal, &all, key).to_bits(),
+                "{p}"
+            );
+            met += usize::from(open < open_sky(&p, &normal, &[], key));
+            left_out += all.len() - near.len();
+        }
+        let share = left_out as f64 / (3000 * all.len()) as f64;
+        assert!(met > 300, "things take sky at {met} places only");
+        assert!(share > 0.5, "only {share} of the things are left out");
+    }
+
+    /// What does not reach into the box that holds a place and an emitter stands on no way between them.
+    #[test]
+    fn things_aside_hide_nothing() {
+        let room = Room::new(&mut Palette::default(), 3, false);
+        let lighting = Lighting::new(&room);
+        let mut draws = Draws::new(2, 2);
+        let (mut hidden, mut aside) = (0, 0);
+        for _ in 0..2000 {
+            let p = Point3::from(ROOM.map(|[low, high]| draws.between(low, high)));
+            for e in &lighting.emitters {
+                let spot = e.centre + e.half.map(|h| h * draws.between(-1.0, 1.0));
+                let inverse = (spot - p).map(|d| 1.0 / d);
+                for c in &room.cuboids {
+                    let hides = c.entry_along(&p, &inverse).is_some_and(|(t, _)| t < 0.98);
+                    assert!(!hides || is_between(c, &p, e), "{p}, {spot}");
+                    hidden += usize::from(hides);
+                    aside += usize::from(!is_between(c, &p, e));
+                }
+            }
+        }
+        let all = 2000 * lighting.emitters.len() * room.cuboids.len();
+        assert!(
+            hidden > 1000 && 2 * aside > all,
+            "{hidden}, {aside} of {all}"
+        );
+    }
 }

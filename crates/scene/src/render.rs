@@ -51,7 +51,7 @@ pub struct Renderer {
     eyes: [EyeTables; 2],
     flats: Vec<(Flat, u16)>,
     textures: Textures,
-    lighting: Lighting,
+    lighting: Arc<Lighting>,
     seed: u64,
     edge_samples: usize,
     workspaces: Mutex<Vec<Workspace>>,
@@ -87,12 +87,17 @@ impl Renderer {
     /// distortion that cannot be undone within the picture.
     pub fn new(world: Arc<World>, cameras: [TwinCamera; 2], seed: u64) -> Result<Self, SceneError> {
         cameras.iter().try_for_each(TwinCamera::check)?;
-        let [left, right] = cameras.each_ref().map(EyeTables::new);
+        let left = EyeTables::new(&cameras[0])?;
+        let right = if cameras[1] == cameras[0] {
+            left.clone()
+        } else {
+            EyeTables::new(&cameras[1])?
+        };
         Ok(Self {
             flats: flats(&world),
             textures: Textures::new(world.config().seed),
-            lighting: Lighting::new(&world.room),
-            eyes: [left?, right?],
+            lighting: world.lighting(),
+            eyes: [left, right],
             world,
             cameras,
             seed,
@@ -117,7 +122,7 @@ impl Renderer {
             eyes: self.eyes.clone(),
             flats: self.flats.clone(),
             textures: self.textures.clone(),
-            lighting: self.lighting.clone(),
+            lighting: Arc::clone(&self.lighting),
             seed: self.seed,
             edge_samples: self.edge_samples,
             workspaces: Mutex::new(Vec::new()),

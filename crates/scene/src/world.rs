@@ -1,6 +1,7 @@
 //! The world: a room, who walks in it, the light; and the truth about all of it.
 
 use std::str::FromStr;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -8,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::SceneError;
 use crate::figure::{FLOOR_M, Person, TORSO_SOLIDS};
 use crate::hash::Draws;
+use crate::light::Lighting;
 use crate::mark::{Card, Mark};
 use crate::material::Palette;
 use crate::path::{PathSpec, Stride, Trajectory, check_waypoints};
@@ -91,6 +93,7 @@ pub struct World {
     pub(crate) room: Room,
     pub(crate) cards: Vec<Card>,
     walkers: Vec<Walker>,
+    lighting: OnceLock<Arc<Lighting>>,
 }
 
 impl World {
@@ -124,6 +127,7 @@ impl World {
             room,
             cards,
             walkers,
+            lighting: OnceLock::new(),
         };
         world
             .walkers
@@ -138,6 +142,16 @@ impl World {
         world.walkers.clear();
         world.config.path = PathSpec::Empty;
         world
+    }
+
+    /// Light on what stands still, worked out by the first who asks: most of what it takes to make a renderer.
+    pub(crate) fn lighting(&self) -> Arc<Lighting> {
+        if let Some(lighting) = self.lighting.get() {
+            return Arc::clone(lighting);
+        }
+        // Outside of the lock: a thread of the pool that works at it may take up another task that asks, too.
+        let lighting = Arc::new(Lighting::new(&self.room));
+        Arc::clone(self.lighting.get_or_init(|| lighting))
     }
 
     /// What it was made from.

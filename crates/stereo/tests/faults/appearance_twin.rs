@@ -5,6 +5,7 @@
 use crate::planted::{blurred, noisy, tinted, toned};
 use crate::twin::{INTERAXIAL_M, Twin};
 use rayon::prelude::*;
+use std::sync::Arc;
 use vergence_geometry::array::Mode;
 use vergence_geometry::comfort::Viewing;
 use vergence_geometry::viewing::Viewer;
@@ -266,34 +267,52 @@ fn noise_range(a: &Rgb, b: &Rgb) -> [f64; 2] {
     [levels[levels.len() / 10], levels[levels.len() * 9 / 10]]
 }
 
-/// A pair of pinhole cameras (no distortion) whose screen plane lies at `shift_px` of disparity, with its truth.
+/// The twin with pinhole cameras (no distortion), its head turned to the right by `pan`, rad.
+fn pinholes(path: PathSpec, seed: u64, pan: f64) -> Twin {
+    let mut camera = TwinCamera::default().scaled(0.5);
+    camera.camera.distortion = Distortion::NONE;
+    let mut twin = Twin::with_cameras(path, seed, [camera; 2]);
+    twin.pan = pan;
+    twin
+}
+
+/// A pair of pinhole cameras with its truth, from which [`Shifted`] ones are cut.
+struct Taken {
+    eyes: [Rgb; 2],
+    truth: Arc<FrameTruth>,
+}
+
+impl Taken {
+    fn by(twin: &mut Twin, time_s: f64) -> Self {
+        Self {
+            eyes: twin.pair(time_s, 0.0),
+            truth: Arc::new(twin.truth(time_s)),
+        }
+    }
+
+    fn shifted(&self, shift_px: usize) -> Shifted {
+        let [left, right] = &self.eyes;
+        let width = left.width() - shift_px;
+        Shifted {
+            left: Rgb::from_fn(width, left.height(), |x, y| left.at(x + shift_px, y)),
+            right: Rgb::from_fn(width, right.height(), |x, y| right.at(x, y)),
+            shift_px,
+            truth: Arc::clone(&self.truth),
+        }
+    }
+}
+
+/// A pair of pinhole cameras whose screen plane lies at `shift_px` of disparity, with its truth.
 struct Shifted {
     left: Rgb,
     right: Rgb,
     shift_px: usize,
-    truth: FrameTruth,
+    truth: Arc<FrameTruth>,
 }
 
 impl Shifted {
     fn new(path: PathSpec, seed: u64, time_s: f64, shift_px: usize) -> Self {
-        Self::panned(path, seed, time_s, shift_px, 0.0)
-    }
-
-    /// With the head turned to the right by `pan`, rad.
-    fn panned(path: PathSpec, seed: u64, time_s: f64, shift_px: usize, pan: f64) -> Self {
-        let mut camera = TwinCamera::default().scaled(0.5);
-        camera.camera.distortion = Distortion::NONE;
-        let mut twin = Twin::with_cameras(path, seed, [camera; 2]);
-        twin.pan = pan;
-        let [left, right] = twin.pair(time_s, 0.0);
-        let truth = twin.truth(time_s);
-        let width = left.width() - shift_px;
-        Self {
-            left: Rgb::from_fn(width, left.height(), |x, y| left.at(x + shift_px, y)),
-            right: Rgb::from_fn(width, right.height(), |x, y| right.at(x, y)),
-            shift_px,
-            truth,
-        }
+        Taken::by(&mut pinholes(path, seed, 0.0), time_s).shifted(shift_px)
     }
 
     fn pair(&self) -> [&Rgb; 2] {
@@ -356,12 +375,10 @@ fn clean_pairs_raise_no_alarm() {
         (PathSpec::Empty, 2, 1.0),
     ] {
         let name = path.name();
+        let taken = Taken::by(&mut pinholes(path, seed, 0.0), time_s);
         // What is nearest touches the screen.
-        let near = Shifted::new(path.clone(), seed, time_s, 1)
-            .quantile(1.0)
-            .ceil() as usize
-            + 1;
-        let clean = Shifted::new(path, seed, time_s, near);
+        let near = taken.shifted(1).quantile(1.0).ceil() as usize + 1;
+        let clean = taken.shifted(near);
         for finding in &measured(clean.pair()).findings {
             println!(
                 "{name} {:?} {:.3} {:?}",
@@ -376,12 +393,14 @@ fn clean_pairs_raise_no_alarm() {
 #[test]
 fn a_person_cut_by_the_edge() {
     let mut checked = 0;
+    let mut twin = pinholes(PathSpec::Cross, 3, 0.0);
     for step in 0..12 {
         let time_s = 4.0 + 0.25 * f64::from(step);
+        let taken = Taken::by(&mut twin, time_s);
         // Half way between the person and the room behind.
-        let whole = Shifted::new(PathSpec::Cross, 3, time_s, 1);
+        let whole = taken.shifted(1);
         let [room, person] = [0.5, 0.995].map(|q| whole.quantile(q) + 1.0);
-        let pair = Shifted::new(PathSpec::Cross, 3, time_s, (0.5 * (room + person)) as usize);
+        let pair = taken.shifted((0.5 * (room + person)) as usize);
         // The right picture is cut again so that its left edge runs through the person's middle.
         let body: Vec<usize> = (0..pair.left.width())
             .filter(|&x| {
@@ -537,19 +556,28 @@ fn roundness_by_the_rig() {
 #[test]
 fn a_cut_between_two_shots() {
     let view = viewing(512 - 8);
+    let three = |twin: &mut Twin, from_s: f64| {
+        [0.0, 0.04, 0.08].map(|t| Taken::by(twin, from_s + t).shifted(8))
+    };
+    let seen = |shots: &[Shifted; 3]| {
+        let depth = |shot: &Shifted| DepthSummary::from_map(&shot.map());
+        shots
+            .each_ref()
+            .map(|shot| (luma_from_rgb(&shot.left), depth(shot)))
+    };
+    let before = three(&mut pinholes(PathSpec::Cross, 3, 0.0), 4.0);
+    let seen_before = seen(&before);
     for (path, seed, time_s, pan_deg) in [
         (PathSpec::Walk, 11, 8.6, -30.0f64),
         (PathSpec::Zigzag, 5, 6.0, 25.0),
         (PathSpec::Walk, 7, 9.0, 30.0),
     ] {
-        let before = [0.0, 0.04, 0.08].map(|t| Shifted::new(PathSpec::Cross, 3, 4.0 + t, 8));
-        let after = [0.0, 0.04, 0.08]
-            .map(|t| Shifted::panned(path.clone(), seed, time_s + t, 8, pan_deg.to_radians()));
+        let mut panned = pinholes(path.clone(), seed, pan_deg.to_radians());
+        let after = three(&mut panned, time_s);
         let mut finder = CutFinder::new();
         let mut cuts = Vec::new();
-        for shot in before.iter().chain(&after) {
-            let depth = DepthSummary::from_map(&shot.map());
-            cuts.extend(finder.push(&luma_from_rgb(&shot.left), depth, &view));
+        for (grey, depth) in seen_before.iter().chain(&seen(&after)) {
+            cuts.extend(finder.push(grey, *depth, &view));
         }
         let [old, new] = [&before[2], &after[0]].map(|s| s.quantile(0.5));
         let jump = 100.0 * (new - old) / 504.0;

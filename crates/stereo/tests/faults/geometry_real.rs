@@ -24,17 +24,17 @@ fn measured(left: &Rgb, right: &Rgb) -> Result<PairFaults, Refusal> {
 }
 
 /// A recorded pair and what is measured in it as it is.
-struct Given {
-    pair: RealPair,
-    faults: PairFaults,
-    is_rectified: bool,
+pub(crate) struct Given {
+    pub(crate) pair: RealPair,
+    pub(crate) faults: PairFaults,
+    pub(crate) is_rectified: bool,
 }
 
 /// Photographs up to this width are looked at, px: those of megapixels take minutes and stand in the table, which the ignored test prints.
 const WIDEST_PX: usize = 1000;
 
 /// Every rectified pair and every photograph of up to [`WIDEST_PX`], measured once for all tests.
-fn as_given(data: &Path) -> &'static [Given] {
+pub(crate) fn as_given(data: &Path) -> &'static [Given] {
     static GIVEN: OnceLock<Vec<Given>> = OnceLock::new();
     GIVEN.get_or_init(|| {
         let rectified = recorded::disparity_pairs(data).into_iter();

@@ -3,6 +3,7 @@
 //! The ignored test prints the whole table.
 
 use crate::asked::{at_a_desk, from_two_metres};
+use crate::geometry_real;
 use crate::leaves;
 use crate::planted::{blurred, noisy, tinted, toned};
 use crate::recorded;
@@ -157,18 +158,28 @@ fn light(left: &Rgb, right: &Rgb) -> Photometry {
 /// worth some tenths of a percent that no spread over the cells tells.
 #[test]
 fn shading_is_measured() {
-    let mut pairs: Vec<(String, Rgb, Rgb)> = (1..4)
+    let mut pairs: Vec<(String, Rgb, Rgb, Photometry)> = (1..4)
         .map(|seed| {
             let [left, right] = leaves::Leaves::new(seed).pair((480, 360));
-            (format!("leaves {seed}"), left, right)
+            let own = light(&left, &right);
+            (format!("leaves {seed}"), left, right, own)
         })
         .collect();
     if let Some(data) = recorded::data_folder("shading_is_measured") {
-        let recorded = recorded::disparity_pairs(&data);
-        pairs.extend(recorded.into_iter().map(|p| (p.name, p.left, p.right)));
+        let recorded = geometry_real::as_given(&data).iter();
+        pairs.extend(recorded.filter(|g| g.is_rectified).map(|given| {
+            let pair = &given.pair;
+            let seen = given.faults.appearance.as_ref().unwrap();
+            let own = seen.photometry.clone().unwrap();
+            (
+                pair.name.clone(),
+                pair.left.clone(),
+                pair.right.clone(),
+                own,
+            )
+        }));
     }
-    for (k, (name, left, right)) in pairs.into_iter().enumerate() {
-        let own = light(&left, &right);
+    for (k, (name, left, right, own)) in pairs.into_iter().enumerate() {
         // Both into made pairs, one or the other into recorded ones, which are larger.
         let plants = [[0.10, -0.06], [-0.04, 0.12]];
         let plants = match name.starts_with("leaves") {
