@@ -15,6 +15,10 @@ pub(crate) enum Tests {
     RanBefore,
 }
 
+/// Live cameras are in no default build; .ci/run builds them, too. Lints and documents have the same features, or all dependencies would be checked
+/// anew for the documents.
+const LIVE_CAMERAS: &str = "vergence-capture/v4l2,vergence-capture/rtsp";
+
 /// Run every step; the first one that fails ends it.
 pub(crate) fn run(tests: Tests) -> Result<()> {
     step("tidy", tidy::check)?;
@@ -25,9 +29,8 @@ pub(crate) fn run(tests: Tests) -> Result<()> {
             "clippy",
             "--workspace",
             "--all-targets",
-            // Live cameras are in no default build; .ci/run builds them, too.
             "--features",
-            "vergence-capture/v4l2,vergence-capture/rtsp",
+            LIVE_CAMERAS,
             "--",
             "-D",
             "warnings",
@@ -44,6 +47,8 @@ pub(crate) fn run(tests: Tests) -> Result<()> {
             "--workspace",
             "--no-deps",
             "--document-private-items",
+            "--features",
+            LIVE_CAMERAS,
         ],
         &[("RUSTDOCFLAGS", "-D warnings")],
     )?;
