@@ -125,6 +125,7 @@ pub(crate) fn step(pair: &StereoFrame) -> Step {
         control: None,
         mode_change: None,
         health: None,
+        lost_zero: None,
         times: StageTimes::default(),
     }
 }

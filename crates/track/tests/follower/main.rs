@@ -6,6 +6,7 @@
     reason = "a test that meets the unexpected stops there"
 )]
 
+mod infinity;
 mod real;
 mod synthetic;
 mod twin;

@@ -2,9 +2,6 @@
 //! there, wherever the head looks; of eyes that stand turned apart by a known angle it is told, and by no more than that angle; eyes turned towards
 //! each other and pictures without anything to match say nothing. Does not prove it of real rooms: the recorded pairs do what they can, where they are there.
 
-// In tests a failed unwrap is the failure.
-#![allow(clippy::unwrap_used)]
-
 use std::path::PathBuf;
 use std::sync::Arc;
 
