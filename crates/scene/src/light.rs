@@ -383,7 +383,7 @@ mod tests {
         }
         let all = 2000 * lighting.emitters.len() * room.cuboids.len();
         assert!(
-            hidden > 1000 && 2 * aside > all,
+            hidden > 300 && 2 * aside > all,
             "{hidden}, {aside} of {all}"
         );
     }
