@@ -167,6 +167,14 @@ impl Axes {
     pub(crate) fn angles_deg(&self, at_s: f64) -> [f64; 4] {
         angles(&mut self.grbl.lock(), self.now_s(), at_s).map(f64::to_degrees)
     }
+
+    /// How often the motion so far was faster, accelerated more or changed more suddenly than an axis may, by the controller's own audit.
+    pub(crate) fn limits_passed(&self) -> u64 {
+        let mut grbl = self.grbl.lock();
+        grbl.advance_to(self.now_s());
+        let audit = grbl.audit();
+        audit.speed + audit.acceleration + audit.jumps
+    }
 }
 
 impl Table {
