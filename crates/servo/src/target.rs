@@ -30,6 +30,10 @@ const REACH_LEVEL_M: f64 = 0.4;
 /// ... plus this for every second since it was last seen, m/s: people sit down, and hardly ever climb.
 const REACH_LEVEL_M_S: f64 = 0.2;
 
+/// A target's place is believed for so long while it is out of sight, s, as the follower does (its `coast_s`): then whoever looks like it and moves may be it
+/// anywhere. What was believed may have been a wall.
+const PLACE_S: f64 = 1.0;
+
 /// Once the target has been hidden, the filter's answer to a sighting must lie this near to it, m, and within [`REACH_SIGMAS`] of its
 /// deviation: further, and what was expected was so vague that the two cannot be put together.
 const ANSWER_M: f64 = 0.5;
@@ -126,7 +130,7 @@ impl Target {
     }
 
     /// Whether the target can be what is seen: it must be where a walker could have got to, and have a distance unless it had one
-    /// a moment ago. First sightings are not doubted. What goes on for so long, and so much like a walker, that the expectation must
+    /// a moment ago; out of sight for long it may be anywhere, if it moves. First sightings are not doubted. What goes on for so long, and so much like a walker, that the expectation must
     /// be wrong is believed all the same; `moves` says that it lies on something of a person's size
     /// that moves in the picture (a wall that is mistaken for the target behind the target itself does, too).
     pub(crate) fn can_be(
@@ -144,6 +148,7 @@ impl Target {
             Some(place) => {
                 let last = self.last().unwrap_or(expected.position_in_base);
                 is_within_reach(place, &expected, &last)
+                    || (moves && expected.unseen_s > PLACE_S)
                     || self.claims.add(capture_s, place.point_in_base, moves)
             }
         }
@@ -283,6 +288,19 @@ mod tests {
         target.forget();
         assert!(target.at(1.2).is_none());
         assert!(target.can_be(SightingKind::Followed, None, false, 1.2));
+    }
+
+    /// Out of sight for longer than its place is believed, whoever moves and looks like it may be it; what does not move may not, and sooner nobody may.
+    #[test]
+    fn who_moves_may_be_it_anywhere_after_a_while() {
+        let mut target = standing();
+        let mut can = |moves, at_s| {
+            target.begin(at_s);
+            target.can_be(SightingKind::Refound, Some(&place(0.0, 2.0)), moves, at_s)
+        };
+        assert!(!can(true, 1.8));
+        assert!(!can(false, 2.2));
+        assert!(can(true, 2.2));
     }
 
     /// A source of two pairs a second: what had a distance in the last pair is in sight.
