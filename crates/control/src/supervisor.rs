@@ -318,6 +318,9 @@ impl Supervisor {
                 // On a person's word it begins, and what the axes say now is from before. Else the axes go on to their zero angles.
                 home = asked;
                 self.uncentred = true;
+                if home {
+                    self.lost_zero = None;
+                }
                 break;
             }
         }
@@ -349,9 +352,6 @@ impl Supervisor {
             next.name()
         );
         self.memory.decide(now_s, self.state, next, reason);
-        if next == RigState::Homing {
-            self.lost_zero = None;
-        }
         if next == RigState::Fault {
             // What a person said before it was not about this.
             self.clear_asked_s = None;

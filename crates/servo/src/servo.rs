@@ -125,7 +125,7 @@ impl Servo {
             is_given: settings.target.is_some(),
             relief_m: settings.matching.relief_m,
             matcher: Matcher::new(settings.matching),
-            target: Target::new(filter)?,
+            target: Target::new(filter, settings.follow.coast_s)?,
             watch: Watch::new(info.cameras, settings.watch),
             zeros: Zeros::new(&settings.watch),
         })
@@ -149,30 +149,7 @@ impl Servo {
         if report.state == FollowState::Searching {
             self.target.forget();
         }
-        let measured = times.timed(Stage::Measure, || {
-            let sighting = report.sighting?;
-            let (measured, note) = self.measure(&stance, &sighting, pair);
-            let place = measured.as_ref().map(|m| self.place(&stance, m));
-            if !self.is_given && self.target.is_blank(place.as_ref(), capture_s) {
-                self.follower.release();
-                self.target.forget();
-                report.sighting = None;
-                report.state = FollowState::Searching;
-                return None;
-            }
-            let anchor = &sighting.anchor_px;
-            let moves = report.movers.iter().any(|mover| mover.contains(anchor));
-            if (self.target).can_be(sighting.kind, place.as_ref(), moves, capture_s) {
-                if let Some(note) = note {
-                    self.follower.note_range(note);
-                }
-                return measured;
-            }
-            self.follower.disown();
-            report.sighting = None;
-            report.state = FollowState::Occluded;
-            None
-        });
+        let measured = times.timed(Stage::Measure, || self.range(&stance, pair, &mut report));
         let (update, estimate, aim, control) = times.timed(Stage::Control, || {
             self.target
                 .put_on_probation(report.sighting.as_ref(), self.follower.on_probation());
@@ -211,6 +188,38 @@ impl Servo {
             lost_zero,
             times,
         })
+    }
+
+    /// The distance of what the follower saw, if that can be the target; else the sighting is taken out of `report`, and what the follower learned from it.
+    fn range(
+        &mut self,
+        stance: &Stance,
+        pair: &StereoFrame,
+        report: &mut Report,
+    ) -> Option<Measurement> {
+        let capture_s = pair.capture_s();
+        let sighting = report.sighting?;
+        let (measured, note) = self.measure(stance, &sighting, pair);
+        let place = measured.as_ref().map(|m| self.place(stance, m));
+        if !self.is_given && self.target.is_blank(place.as_ref(), capture_s) {
+            self.follower.release();
+            self.target.forget();
+            report.sighting = None;
+            report.state = FollowState::Searching;
+            return None;
+        }
+        let anchor = &sighting.anchor_px;
+        let moves = report.movers.iter().any(|mover| mover.contains(anchor));
+        if (self.target).can_be(sighting.kind, place.as_ref(), moves, capture_s) {
+            if let Some(note) = note {
+                self.follower.note_range(note);
+            }
+            return measured;
+        }
+        self.follower.disown();
+        report.sighting = None;
+        report.state = FollowState::Occluded;
+        None
     }
 
     /// Take the answer of an earlier look at the rig when it is due, give the next pair when that is, and correct where the right camera stands.

@@ -13,7 +13,8 @@ pub enum Stage {
     Measure,
     /// Filter, prediction, control law, commands.
     Control,
-    /// Handing a pair to the thread that watches the rig's health, and taking its answer.
+    /// Handing a pair to the thread that watches the rig's health, and taking its answer; and, after the setpoints, the look whether anything lies
+    /// behind infinity.
     Health,
 }
 

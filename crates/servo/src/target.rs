@@ -30,10 +30,6 @@ const REACH_LEVEL_M: f64 = 0.4;
 /// ... plus this for every second since it was last seen, m/s: people sit down, and hardly ever climb.
 const REACH_LEVEL_M_S: f64 = 0.2;
 
-/// A target's place is believed for so long while it is out of sight, s, as the follower does (its `coast_s`): then whoever looks like it and moves may be it
-/// anywhere. What was believed may have been a wall.
-const PLACE_S: f64 = 1.0;
-
 /// Once the target has been hidden, the filter's answer to a sighting must lie this near to it, m, and within [`REACH_SIGMAS`] of its
 /// deviation: further, and what was expected was so vague that the two cannot be put together.
 const ANSWER_M: f64 = 0.5;
@@ -53,6 +49,9 @@ pub(crate) struct Place {
 
 /// The target by all that was seen of it.
 pub(crate) struct Target {
+    /// For how long its place is believed while it is out of sight, s: then whoever looks like it and moves may be it anywhere, since what was believed
+    /// may have been a wall.
+    place_s: f64,
     filter: TargetFilter,
     expectation: Expectation,
     /// What was believed before the target was seen again, while it is on probation.
@@ -68,8 +67,10 @@ pub(crate) struct Target {
 }
 
 impl Target {
-    pub(crate) fn new(settings: FilterSettings) -> Result<Self, FilterError> {
+    /// A target of which nothing is known; `place_s` is for how long the follower believes its place out of sight, s.
+    pub(crate) fn new(settings: FilterSettings, place_s: f64) -> Result<Self, FilterError> {
         Ok(Self {
+            place_s,
             filter: TargetFilter::new(settings)?,
             expectation: Expectation::default(),
             before: None,
@@ -130,9 +131,9 @@ impl Target {
     }
 
     /// Whether the target can be what is seen: it must be where a walker could have got to, and have a distance unless it had one
-    /// a moment ago; out of sight for long it may be anywhere, if it moves. First sightings are not doubted. What goes on for so long, and so much like a walker, that the expectation must
-    /// be wrong is believed all the same; `moves` says that it lies on something of a person's size
-    /// that moves in the picture (a wall that is mistaken for the target behind the target itself does, too).
+    /// a moment ago. Out of sight for long it may be anywhere, if it moves. First sightings are not doubted. What goes on for so long, and so
+    /// much like a walker, that the expectation must be wrong is believed all the same. `moves` says that what is seen lies on something of a
+    /// person's size that moves in the picture (so does a wall that is mistaken for the target behind the target itself).
     pub(crate) fn can_be(
         &mut self,
         kind: SightingKind,
@@ -148,7 +149,7 @@ impl Target {
             Some(place) => {
                 let last = self.last().unwrap_or(expected.position_in_base);
                 is_within_reach(place, &expected, &last)
-                    || (moves && expected.unseen_s > PLACE_S)
+                    || (moves && expected.unseen_s > self.place_s)
                     || self.claims.add(capture_s, place.point_in_base, moves)
             }
         }
@@ -243,7 +244,7 @@ mod tests {
 
     /// Somebody who stood at (0, 5) m for a second.
     fn standing() -> Target {
-        let mut target = Target::new(FilterSettings::default()).unwrap();
+        let mut target = Target::new(FilterSettings::default(), 1.0).unwrap();
         for i in 0..30 {
             target.begin(f64::from(i) / 30.0);
             let sight = Sight::Position {
@@ -317,7 +318,7 @@ mod tests {
     #[test]
     fn what_never_has_a_distance_is_nobody() {
         let let_go = |fps: f64, measured: Option<u32>| {
-            let mut target = Target::new(FilterSettings::default()).unwrap();
+            let mut target = Target::new(FilterSettings::default(), 1.0).unwrap();
             (0..100).find(|&i| {
                 let now_s = f64::from(i) / fps;
                 target.begin(now_s);

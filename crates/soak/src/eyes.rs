@@ -116,8 +116,7 @@ impl Eyes {
 
     /// The target's distance from the middle of the picture, mean of both eyes, as a share of the picture's width; `None` when it is out of sight.
     pub(crate) fn pointing(&self, world_s: f64) -> Option<f64> {
-        let target = self.renderer.world().target_reference_in_base(world_s)?;
-        let angles = (self.standing)(world_s).ok()?;
+        let (target, angles) = self.truth(world_s)?;
         let k = camera().intrinsics;
         let mut sum = 0.0;
         for eye in Eye::BOTH {

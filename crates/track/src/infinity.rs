@@ -134,13 +134,12 @@ impl InfinityCheck {
             if n.is_multiple_of(EXACT_EVERY) {
                 exact = Footprint::new(&view, &facet, &lattice).zip(middle);
             }
-            let there = match (&exact, middle) {
-                (Some((exact, from)), Some(to)) => Some(exact.shifted(to - from)),
-                _ => None,
-            };
-            let score = there.and_then(|there| {
-                let inside = sample(&view, &there, &mut self.right);
-                (inside > 0.9).then(|| correlation(&self.left, &self.right, None))?
+            let score = exact.as_ref().zip(middle).and_then(|((exact, from), to)| {
+                let there = exact.shifted(to - from);
+                if sample(&view, &there, &mut self.right) <= 0.9 {
+                    return None;
+                }
+                correlation(&self.left, &self.right, None)
             });
             self.scores.push(score.unwrap_or(f64::NEG_INFINITY));
         }

@@ -2,8 +2,6 @@
 //! plain boards that look the same after a turn are read the same way round by both cameras of a pair, or refused. Corners are computed, not
 //! found in pictures.
 
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
-
 use crate::views;
 use crate::views::{Random, camera, corners, held, shot};
 use nalgebra::{Isometry3, Point3, Vector3};

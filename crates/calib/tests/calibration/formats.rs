@@ -2,11 +2,6 @@
 //! computed here from the format's own definition; that files come back as they were written; and that every kind of bad
 //! file is refused with a sentence. Does not prove what the formats' makers meant: `recorded.rs` does, on real pictures.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
 use nalgebra::{
     Isometry3, Matrix3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector3,
 };

@@ -1,8 +1,6 @@
 //! Health from matched points: drifts that are planted into a rig's true poses are found, with their sign and within their uncertainty;
 //! a sound rig is called good; a scene that cannot tell two drifts apart says so by its uncertainty. Points are computed, not matched.
 
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
-
 use crate::views::{Random, camera};
 use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};
 use vergence_calib::health::{DriftKind, Health, HealthMonitor, HealthVerdict, Match, health};

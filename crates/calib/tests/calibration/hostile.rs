@@ -1,11 +1,6 @@
 //! Proves that no input makes the readers panic or run away: random bytes, random text in the formats' own words, and good files
 //! with parts changed, cut or repeated. What they answer is not judged here.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
 use proptest::prelude::*;
 use proptest::strategy::ValueTree as _;
 use vergence_calib::{Format, ReadOptions, RigCalibration, parse_cameras};

@@ -1,7 +1,5 @@
 //! The machine's file: round trip to the last digit, its poses those of what was solved, faults told.
 
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
-
 use crate::views::{camera, head, head_shots};
 use nalgebra::Isometry3;
 use vergence_calib::MachineCalibration;

@@ -2,11 +2,6 @@
 //! models: golden files and pixels were made by cv2 (`data/make_golden.py`), cv2 and PyYAML read what we write where python3 has
 //! them, and every format comes back as it was written. Does not prove that other programs' authors keep to their own definitions.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector3};

@@ -2,11 +2,6 @@
 //! meant: points that were matched in the pictures by hand or by correlation (without any calibration) lie on their epipolar
 //! lines. Needs the recordings' calibration files; says that it was skipped without them.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
 use std::path::PathBuf;
 
 use nalgebra::{Isometry3, Point2, Point3, Translation3, Vector3};

@@ -1,8 +1,6 @@
 //! Calibration from exact and from noisy corners: what was put in comes out, its uncertainty is true, and sets that cannot tell are
 //! refused. Corners are computed, not detected; pictures are another test's matter.
 
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
-
 use crate::views::{
     Random, camera, corners, fixed_shots, head, head_shots, held, left_from_right, shot,
 };

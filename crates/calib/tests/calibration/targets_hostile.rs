@@ -1,7 +1,5 @@
 //! Pictures that show no target: noise, gradients, patterns, any size. Nothing panics, nothing is found, and work stays bounded.
 
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
-
 use proptest::prelude::*;
 use vergence_calib::{Target, detect};
 use vergence_imaging::Gray;

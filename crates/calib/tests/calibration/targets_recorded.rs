@@ -3,8 +3,6 @@
 //! Corners of OpenCV were noted for a few pictures (`findChessboardCorners` with `cornerSubPix`, window 5; `CharucoDetector`). They
 //! are not the truth, but an independent answer that is good to about 0.1 px.
 
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
-
 use std::path::{Path, PathBuf};
 
 use nalgebra::Point2;

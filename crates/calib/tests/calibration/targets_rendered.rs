@@ -1,7 +1,5 @@
 //! Targets found in rendered pictures, whose corners are known exactly.
 
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
-
 use crate::boards;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 

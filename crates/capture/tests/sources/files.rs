@@ -1,40 +1,15 @@
 //! Proves that folders of pictures come out as pairs with the right bytes and times, and that every kind of bad input is refused with
 //! one sentence that names it, before the first pair where that is possible.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
 use std::path::Path;
 
-use nalgebra::{Isometry3, Translation3, UnitQuaternion};
-use vergence_calib::{CameraPose, RigCalibration};
+use crate::parallel;
+use vergence_calib::RigCalibration;
 use vergence_capture::{CaptureError, FilesConfig, FilesSource, OnFault, Source as _, StereoFrame};
-use vergence_geometry::{Camera, Distortion, Intrinsics};
 use vergence_imaging::{Rgb, files};
 
-/// A parallel rig for pictures of 32 x 24.
 fn rig() -> RigCalibration {
-    let pose = |x_m: f64| CameraPose {
-        name: format!("x {x_m}"),
-        camera: Camera {
-            intrinsics: Intrinsics {
-                width: 32,
-                height: 24,
-                fx: 40.0,
-                fy: 40.0,
-                cx: 15.5,
-                cy: 11.5,
-            },
-            distortion: Distortion::NONE,
-        },
-        rig_from_cam: Isometry3::from_parts(
-            Translation3::new(x_m, 0.0, 0.0),
-            UnitQuaternion::identity(),
-        ),
-    };
-    RigCalibration::from_poses(pose(-0.035), pose(0.035)).unwrap()
+    parallel::rig(32, 24)
 }
 
 /// A picture that shows which eye and index it belongs to.

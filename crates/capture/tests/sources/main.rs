@@ -8,6 +8,7 @@
 
 mod files;
 mod pairing;
+mod parallel;
 mod recorded;
 mod twin;
 mod video;

@@ -1,11 +1,6 @@
 //! Proves that pairing by time gives exactly the pairs that a brute-force search over all frames gives, whatever the order of
 //! delivery; and that no stream, however broken, makes it pass a pair too far apart, out of order or twice, or lose count.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
 use proptest::prelude::*;
 use vergence_capture::{Paired, Pairer, PairingLimits};
 use vergence_geometry::Eye;

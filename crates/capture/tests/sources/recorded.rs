@@ -1,11 +1,6 @@
 //! Proves that recorded stereo of people is read whole: number of pairs, times, sizes and the fit of its calibration. Says that it was
 //! skipped where the recordings are not at hand.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
 use std::path::PathBuf;
 
 use vergence_calib::RigCalibration;

@@ -2,11 +2,6 @@
 //! truth agrees with the geometry crate's projection of the true pose. That pictures show the world exactly where it is, is proved
 //! in the crate `scene`.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
 use nalgebra::Point3;
 use vergence_capture::{CaptureError, Source as _, StereoFrame, TwinConfig, TwinSource};
 use vergence_control::AxisSetpoint;

@@ -1,40 +1,16 @@
 //! Proves that videos come out of `ffmpeg` with the bytes and times that went in, and that what it complains of is told. The
 //! tests make their videos with `ffmpeg` and say that they were skipped where there is none.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use nalgebra::{Isometry3, Translation3, UnitQuaternion};
-use vergence_calib::{CameraPose, RigCalibration};
+use crate::parallel;
+use vergence_calib::RigCalibration;
 use vergence_capture::{FilesConfig, FilesSource, OnFault, Source as _, StereoFrame};
-use vergence_geometry::{Camera, Distortion, Intrinsics};
 use vergence_imaging::{Rgb, files};
 
 fn rig() -> RigCalibration {
-    let pose = |x_m: f64| CameraPose {
-        name: format!("x {x_m}"),
-        camera: Camera {
-            intrinsics: Intrinsics {
-                width: 64,
-                height: 48,
-                fx: 80.0,
-                fy: 80.0,
-                cx: 31.5,
-                cy: 23.5,
-            },
-            distortion: Distortion::NONE,
-        },
-        rig_from_cam: Isometry3::from_parts(
-            Translation3::new(x_m, 0.0, 0.0),
-            UnitQuaternion::identity(),
-        ),
-    };
-    RigCalibration::from_poses(pose(-0.035), pose(0.035)).unwrap()
+    parallel::rig(64, 48)
 }
 
 fn no_ffmpeg() -> bool {

@@ -1,8 +1,6 @@
 //! `vergence calibrate` and `vergence health` end to end: rendered boards before a known pair come back as that pair, the twin as itself, and
 //! every kind of unusable pictures is told in a sentence. Real pictures: the chessboards of the reference data, when they are there.
 
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
-
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 

@@ -1,11 +1,6 @@
 //! Proves: `doctor` works on a machine with nothing, says what to do about what is named and wrong, and exits as documented. Cameras and ports
 //! as the kernel tells them are tests of the module.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that cannot go on may panic, in its helpers too"
-)]
-
 use crate::common::Place;
 use serde_json::Value;
 

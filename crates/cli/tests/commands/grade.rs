@@ -2,8 +2,6 @@
 //! and the LIVE model's scores are right is shown on golden values, the latter where the shared folder is at hand. How well faults of a
 //! pair are measured is shown in the crate `stereo`; here it is shown that they arrive.
 
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
-
 use std::process::Stdio;
 
 use crate::grading::{

@@ -1,8 +1,6 @@
 //! `vergence grade` on films and on recordings of `vergence run`, end to end, with the programs `ffmpeg` and `ffprobe` (said to be skipped where they
 //! are missing). The films are made here: leaves that hang before leaves, the near ones in motion. Scores are those of a toy model.
 
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
-
 use std::path::{Path, PathBuf};
 use std::process::Command;
 

@@ -1,11 +1,6 @@
 //! Proves what `vergence model` does end to end, in a data folder of the test's own: a model goes in whole, is listed, shown and removed;
 //! what is no model is refused with one sentence and leaves nothing behind; nothing reaches the built-in model or leaves the folder.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
 use std::path::{Path, PathBuf};
 
 use crate::common::{Done, Place};

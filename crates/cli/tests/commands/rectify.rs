@@ -1,8 +1,5 @@
 //! Proves what `vergence rectify` writes, says and refuses, on a small pair of its own. That rows agree is proved in `stereo`.
 
-// In tests a failed unwrap is the failure.
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
-
 use crate::common::Place;
 use vergence_imaging::{Rgb, files};
 

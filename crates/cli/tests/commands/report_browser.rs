@@ -2,11 +2,6 @@
 //! and a real browser (Debian's chromium, headless; said to be skipped where there is none) lays it out without an error, a request or a page wider
 //! than the window. What the page does with made-up data is proved in `grade/report/tests.rs`.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
 use std::path::Path;
 use std::process::Command;
 

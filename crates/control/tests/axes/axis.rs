@@ -1,11 +1,6 @@
 //! The simulated axis: counts steps exactly, loses what play and home offset take, obeys time-outs, refuses what is no
 //! setpoint without changing, and does the same again when told the same.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets an error there has failed"
-)]
-
 use proptest::prelude::*;
 use vergence_control::{
     Axis, AxisConfig, AxisError, AxisName, AxisSetpoint, AxisState, ControlError, HeadConfig,

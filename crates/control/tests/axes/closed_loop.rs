@@ -2,11 +2,6 @@
 //! crate's projections as judge. Estimates are perfect but late: pixels of the true cameras, triangulated where the counters
 //! say that the cameras stood; velocity is true. What is proved is the motor side; finding and filtering are other crates'.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets an error there has failed"
-)]
-
 use nalgebra::{Matrix6, Point3, Vector3};
 use vergence_control::{
     AxisCommand, AxisName, ControlOutput, ControlSettings, ControlState, Controller, HeadConfig,
@@ -14,11 +9,11 @@ use vergence_control::{
 };
 use vergence_geometry::{Eye, HeadAngles, HeadGeometry};
 
-const RIG: HeadGeometry = HeadGeometry {
+pub(crate) const RIG: HeadGeometry = HeadGeometry {
     interaxial_m: 0.07,
     pupil_m: 0.0,
 };
-const FOCAL_PX: f64 = 6.5 / 4.8 * 1024.0;
+pub(crate) const FOCAL_PX: f64 = 6.5 / 4.8 * 1024.0;
 const FRAME_S: f64 = 1.0 / 30.0;
 const LATENCY_S: f64 = 0.040;
 
@@ -31,7 +26,7 @@ fn pixels(angles: &HeadAngles, p: &Point3<f64>) -> [[f64; 2]; 2] {
 }
 
 /// The point that cameras at `angles` see at these pixels (rays of the two cameras met half way).
-fn triangulated(angles: &HeadAngles, px: &[[f64; 2]; 2]) -> Point3<f64> {
+pub(crate) fn triangulated(angles: &HeadAngles, px: &[[f64; 2]; 2]) -> Point3<f64> {
     let ray = |eye: Eye, px: [f64; 2]| {
         let base_from_cam = RIG.base_from_cam(eye, angles);
         let d = base_from_cam.rotation * Vector3::new(px[0] / FOCAL_PX, px[1] / FOCAL_PX, 1.0);

@@ -3,11 +3,6 @@
 //! Proves that the driver keeps to the protocol as the simulated controller speaks it, that motion stays within limits, and that what does not fit is told.
 //! It does not prove that the simulated controller is like a real one.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets an error there has failed"
-)]
-
 use crate::grbl_rig::{Rig, zigzag};
 use vergence_control::grbl::{
     GrblAxis, GrblConfig, GrblFault, GrblFocus, GrblHoming, GrblSettings, SimulatedGrblConfig, Way,

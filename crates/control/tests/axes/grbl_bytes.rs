@@ -1,10 +1,5 @@
 //! Hostile bytes, both ways: nothing panics, what is garbage is counted, and the next good line is read as what it is.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets an error there has failed"
-)]
-
 use std::io;
 
 use proptest::prelude::*;

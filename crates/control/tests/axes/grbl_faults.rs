@@ -1,11 +1,6 @@
 //! Every fault of the simulated controller, singly and together: the axes stand, are told as what they are, and follow again after a person's word.
 //! `VERGENCE_TEST_SEEDS=1000` tries more seeds than the few of the gate.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets an error there has failed"
-)]
-
 use crate::grbl_rig::{Rig, UPDATE_S, zigzag};
 use vergence_control::grbl::{GrblConfig, GrblFault, SimulatedGrblConfig, Way};
 use vergence_control::{AxisCommand, AxisSetpoint, AxisState, Drive, HeadConfig, Link};
@@ -222,24 +217,8 @@ fn every_fault_ends_well() {
         let off = rig.off(&zigzag);
         assert!(off < 1.0, "{name}: {off}° off");
         assert_eq!(rig.drive.states(), [AxisState::Ready; 4], "{name}");
-        let grbl = rig.grbl.lock();
-        assert_eq!(grbl.overflowed(), 0, "{name}");
-        let audit = grbl.audit();
-        assert_eq!(
-            (audit.speed, audit.acceleration, audit.jumps),
-            (0, 0, 0),
-            "{name}"
-        );
-        for (seen, limit) in
-            rig.seen
-                .iter()
-                .zip([(-152.0, 0.0), (-62.0, 0.0), (-15.0, 0.0), (-15.0, 0.0)])
-        {
-            assert!(
-                seen.0 > limit.0 - 1e-6 && seen.1 < limit.1 + 1e-6,
-                "{name}: {seen:?}"
-            );
-        }
+        assert_eq!(rig.grbl.lock().overflowed(), 0, "{name}");
+        rig.assert_within_limits(name);
     }
 }
 
@@ -360,23 +339,7 @@ fn faults_by_seed() {
                 rig.events
             );
         }
-        let grbl = rig.grbl.lock();
-        let audit = grbl.audit();
-        assert_eq!(
-            (audit.speed, audit.acceleration, audit.jumps),
-            (0, 0, 0),
-            "seed {seed}"
-        );
-        for (seen, limit) in
-            rig.seen
-                .iter()
-                .zip([(-152.0, 0.0), (-62.0, 0.0), (-15.0, 0.0), (-15.0, 0.0)])
-        {
-            assert!(
-                seen.0 > limit.0 - 1e-6 && seen.1 < limit.1 + 1e-6,
-                "seed {seed}: {seen:?} {planted:?}"
-            );
-        }
+        rig.assert_within_limits(&format!("seed {seed}"));
     }
     println!("{seeds} seeds");
 }

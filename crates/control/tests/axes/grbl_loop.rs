@@ -1,11 +1,7 @@
 //! The control law on the driver and the simulated controller, beside the same law on the simulated steppers: how much of the parallax is the
 //! controller's planning ahead. Estimates are perfect but late, as in `loop.rs`; neither head has play.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets an error there has failed"
-)]
-
+use crate::closed_loop::{FOCAL_PX, RIG, triangulated};
 use nalgebra::{Matrix6, Point3, Vector3};
 use vergence_control::grbl::{
     GrblConfig, GrblDrive, SharedGrbl, SimulatedGrbl, SimulatedGrblConfig,
@@ -14,13 +10,8 @@ use vergence_control::{
     AxisCommand, AxisName, AxisSetpoint, AxisState, BoxedDrive, ControlSettings, ControlState,
     Controller, HeadConfig, ModeRequest, ModeSettings, SimulatedHead, TargetEstimate,
 };
-use vergence_geometry::{Eye, HeadAngles, HeadGeometry};
+use vergence_geometry::{Eye, HeadAngles};
 
-const RIG: HeadGeometry = HeadGeometry {
-    interaxial_m: 0.07,
-    pupil_m: 0.0,
-};
-const FOCAL_PX: f64 = 6.5 / 4.8 * 1024.0;
 const LATENCY_S: f64 = 0.040;
 const UPDATE_S: f64 = 0.005;
 /// Updates between two frames: 28.6 a second.
@@ -130,7 +121,7 @@ fn follow(
         let estimate = TargetEstimate {
             time_s: taken_s,
             seen_s: taken_s,
-            position_in_base: believed_place(&HeadAngles::from_array(read), &px),
+            position_in_base: triangulated(&HeadAngles::from_array(read), &px),
             velocity_in_base: v,
             covariance: Matrix6::zeros(),
         };
@@ -141,21 +132,6 @@ fn follow(
         assert_eq!(out.state, ControlState::Tracking);
     }
     frames
-}
-
-/// The point that cameras at `angles` see at these pixels: rays met half way.
-fn believed_place(angles: &HeadAngles, px: &[[f64; 2]; 2]) -> Point3<f64> {
-    let ray = |eye: Eye, px: [f64; 2]| {
-        let base_from_cam = RIG.base_from_cam(eye, angles);
-        let d = base_from_cam.rotation * Vector3::new(px[0] / FOCAL_PX, px[1] / FOCAL_PX, 1.0);
-        (base_from_cam.translation.vector, d)
-    };
-    let ((a, u), (b, v)) = (ray(Eye::Left, px[0]), ray(Eye::Right, px[1]));
-    let w = a - b;
-    let (uu, uv, vv, uw, vw) = (u.dot(&u), u.dot(&v), v.dot(&v), u.dot(&w), v.dot(&w));
-    let det = uu * vv - uv * uv;
-    let (s, t) = ((uv * vw - vv * uw) / det, (uu * vw - uv * uw) / det);
-    Point3::from((a + u * s + b + v * t) / 2.0)
 }
 
 fn rms(values: impl Iterator<Item = f64>) -> f64 {

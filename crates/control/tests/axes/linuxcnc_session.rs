@@ -1,11 +1,6 @@
 //! Proves: what the driver makes of LinuxCNC's answers, against a scripted server in memory: greeting, states, faults until cleared, homing, jogs, a
 //! server that is silent, wrong or hostile. That LinuxCNC answers so is shown in `tests/linuxcnc.rs`.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that cannot go on may panic, in its helpers too"
-)]
-
 use proptest::prelude::*;
 use vergence_control::linuxcnc::session::{SILENT_S, SWITCHING_S};
 use vergence_control::linuxcnc::{LinuxCncConfig, Session};

@@ -1,7 +1,5 @@
 //! Transforms in double precision against their definition.
 
-#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 use vergence_fft::Complex64;
 use vergence_fft::double::{ComplexFft2, RealFft2};
 

@@ -1,9 +1,6 @@
 //! Proves that the bulk form gives the same bits compiled for vector units as by the plain loop, equals the careful
 //! form of the cameras to 1e-15 m, and marks what is behind a camera. It times nothing.
 
-// A test may fail by panicking, in its small functions too.
-#![allow(clippy::unwrap_used)]
-
 use vergence_geometry::bulk::{Parallaxes, seen_depths};
 use vergence_geometry::{Mode, Screen, StereoArray, Viewer};
 

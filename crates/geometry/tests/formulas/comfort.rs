@@ -2,9 +2,6 @@
 //! exactly there), that the numbers of the sources come out, and that every rule is listed once with its source. It
 //! does not prove that any rule is true of people.
 
-// A test may fail by panicking, in its small functions too.
-#![allow(clippy::unwrap_used)]
-
 use vergence_geometry::Viewer;
 use vergence_geometry::comfort::{
     AngularDisparity, Band, Basis, Front, Orthostereo, PuppetTheatre, Roundness, Rule, SeenDepth,

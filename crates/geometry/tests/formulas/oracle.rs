@@ -3,9 +3,6 @@
 //! arrays, all table rows, through the model, the paper's equations and the bulk form. It does not prove anything about
 //! lens distortion, roll or tilt.
 
-// A test may fail by panicking, in its small functions too.
-#![allow(clippy::unwrap_used)]
-
 use serde::Deserialize;
 use serde_json::Value;
 use vergence_geometry::bulk::Parallaxes;

@@ -1,9 +1,6 @@
 //! Proves that the paper's equations, with their errata corrected, equal the model of this crate under the paper's signs,
 //! and that each erratum is one: what is printed gives another number. Random rigs and points in front of the cameras.
 
-// A test may fail by panicking, in its small functions too.
-#![allow(clippy::unwrap_used)]
-
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use vergence_geometry::paper::{PaperRig, Target};

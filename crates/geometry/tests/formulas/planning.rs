@@ -1,11 +1,6 @@
 //! Proves that budgets are filled exactly when their rig is projected again, that depth deviation, coverage, roundness and
 //! the limit of the background agree with the projection, and that advice and mode `auto` follow their rule.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test may fail by panicking, in its small functions too"
-)]
-
 use vergence_geometry::comfort::Rule;
 use vergence_geometry::planning::budget::{
     SeenRange, bercovitz_base_m, front_share, jones, percent_budget, width_fraction,

@@ -2,11 +2,6 @@
 //! Equation (17) has the limit, that every rig has an answer, and that the paper's rig gives the distances that the project
 //! states for it. It does not prove that any rule is true of people.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test may fail by panicking, in its small functions too"
-)]
-
 use vergence_geometry::comfort::Rule;
 use vergence_geometry::planning::thresholds::{corner_vertical_m, keystone_from_m, keystone_px};
 use vergence_geometry::planning::{

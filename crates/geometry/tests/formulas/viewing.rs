@@ -2,9 +2,6 @@
 //! here on random rigs, exact zeros at the point aimed at, accuracy far away, every state, the head of the motors, refusal
 //! of impossible numbers.
 
-// A test may fail by panicking, in its small functions too.
-#![allow(clippy::unwrap_used)]
-
 use nalgebra::{Point3, Vector3};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;

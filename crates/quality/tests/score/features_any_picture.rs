@@ -2,9 +2,6 @@
 //! leave bands without variation. Also: threads change nothing, and fast is plain on small pictures. Nothing here says that
 //! the numbers are those of the release; that is in `features_golden.rs`.
 
-// In tests a failed unwrap is the failure.
-#![allow(clippy::unwrap_used)]
-
 use proptest::prelude::*;
 use vergence_imaging::{Gray, Plane, Rgb};
 use vergence_quality::features::{LAGS, MIN_LONGER_SIDE, MIN_SIDE, plain};

@@ -5,9 +5,6 @@
 //! Five pictures come with the repository. Twelve more, and values inside the pipeline, are in the folder
 //! `VERGENCE_TEST_DATA` (default `../shared` beside the workspace); skipped with a message when that is not there.
 
-// In tests a failed unwrap is the failure.
-#![allow(clippy::unwrap_used)]
-
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;

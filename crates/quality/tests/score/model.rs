@@ -1,11 +1,6 @@
 //! Proves of models that need nothing from outside: our JSON gives every model back to the last bit and refuses what is no model with a
 //! sentence that names the field; libsvm's own programs and ours predict the same from the same files.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
 use std::path::Path;
 
 use proptest::prelude::*;

@@ -2,11 +2,6 @@
 //! for number, plain and compressed, sparse and full; what is not that model is refused with a sentence that says what is missing; no
 //! damage, no lie about a size and no bomb makes it panic or take memory without bound.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
 use crate::small;
 use proptest::prelude::*;
 use vergence_quality::model::matlab;

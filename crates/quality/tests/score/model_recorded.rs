@@ -3,11 +3,6 @@
 //! too; and that no damage to the released file makes the reader panic or give another model. The model is not the project's: without the
 //! reference folder the tests say that they were skipped.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
 use std::path::PathBuf;
 
 use proptest::prelude::*;

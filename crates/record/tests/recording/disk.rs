@@ -1,9 +1,6 @@
 //! Proves: whatever the disk does, the loop goes on, what is whole can be read, numbers are kept as long as there is room for them, pictures give
 //! way first and are counted. Runs on a clock that is told; the real disk that fills up is tried by hand (docs/performance.md).
 
-// Helper functions outside `#[test]` fail the test as the tests themselves do.
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
-
 use crate::runs;
 use crate::runs::{Disk, Mood, description, pair, png, step};
 use proptest::prelude::*;

@@ -1,9 +1,6 @@
 //! Proves: no file, however damaged or malicious, makes the reader panic, read for ever or take memory that the file does not have; what is wrong is said in one
 //! sentence. Does not prove that every damage is found: a chunk without a checksum may lie.
 
-// Helper functions outside `#[test]` fail the test as the tests themselves do.
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
-
 use crate::runs::{Disk, description, pair, png, step};
 use proptest::prelude::*;
 use vergence_capture::Source as _;

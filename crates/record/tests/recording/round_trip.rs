@@ -1,9 +1,6 @@
 //! Proves: what is recorded is read back, every bit of numbers and (as PNG) of pictures; the same run gives the same bytes with and without a thread;
 //! a replay gives the pairs and the readings again. Does not say that other programs read it: `ci/record` does.
 
-// Helper functions outside `#[test]` fail the test as the tests themselves do.
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
-
 use crate::runs;
 use crate::runs::{Disk, description, pair, png, readings, step};
 use vergence_capture::Source as _;

@@ -5,8 +5,6 @@
 //! coefficients. Also that motion blur leaves marks where they are at the
 //! middle of the exposure. It does not prove colours.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
-
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, SMatrix, SVector, Vector3};

@@ -1,8 +1,6 @@
 //! Proves that pictures are reproducible (threads, seeds) and that every effect of the sensor is there, has the size
 //! that physics gives it, and can be switched off.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
-
 use std::sync::Arc;
 
 use nalgebra::Isometry3;

@@ -2,8 +2,6 @@
 //! depth that the right camera's own truth has at the matched place, the target's pixel against the picture of the
 //! person, and that a person who moves between the two exposures is followed.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
-
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point2, Point3};

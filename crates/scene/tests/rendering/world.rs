@@ -1,7 +1,5 @@
 //! Proves what walks: paths, their errors, smoothness, gait, the reference point, who hides whom.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
-
 use nalgebra::Point3;
 use vergence_scene::{Light, PathSpec, SceneError, Waypoint, World, WorldConfig, parse_waypoints};
 

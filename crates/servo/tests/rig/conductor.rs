@@ -1,8 +1,5 @@
 //! Proves, with a drive that does as it is told: slow cameras are no doubt, a refused homing is not taken for done, an axis whose place is not known is not
 //! moved, and cameras that stand still have no supervisor. The rest of the conductor is tried by the fault simulation (`vergence-soak`).
-// Helper functions outside `#[test]` fail the test as the tests themselves do.
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
-
 use std::sync::{Arc, Mutex};
 
 use nalgebra::Isometry3;

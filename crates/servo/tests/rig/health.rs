@@ -3,11 +3,6 @@
 //! within absolute bounds; that a sound rig stays good; and that the loop notices a camera that is knocked in mid-run and corrects it. Does not
 //! prove anything about real lenses: the twin's are exactly of the calibrated kind.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets an error there has failed"
-)]
-
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point2, UnitQuaternion, Vector3};

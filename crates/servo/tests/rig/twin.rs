@@ -1,11 +1,6 @@
 //! The whole loop on the twin: pictures are rendered, looked at, filtered and turned into motion of the simulated motors, whose
 //! next pictures follow. Judged by the twin's truth. Half-size pictures keep it quick.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets an error there has failed"
-)]
-
 use nalgebra::Isometry3;
 use vergence_capture::{Source, SourceInfo, TwinConfig, TwinSource, TwinTruth};
 use vergence_control::{ControlSettings, Controller, ModeRequest, ModeSettings};

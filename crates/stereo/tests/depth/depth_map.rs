@@ -3,11 +3,6 @@
 //! do not change a byte; that confidence ranks errors; and that what cannot be done is refused in words.
 //! On recorded pairs with ground truth (where they are there) the scores are bounded: `depth_scores.rs` prints them.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
 use crate::texture::texture;
 use vergence_imaging::{Gray, Plane};
 use vergence_stereo::StereoError;

@@ -2,11 +2,6 @@
 //! range that it finds itself, is better than OpenCV's StereoSGBM in mode HH with the left side extended: on average, on at least six of the
 //! eight scenes, and in mean error; and that its confidence ranks errors. The constants were chosen on art, dolls, cloth3 and motorcycle.
 
-#![allow(
-    clippy::unwrap_used,
-    reason = "a test that meets the unexpected stops there"
-)]
-
 use crate::recorded;
 use vergence_imaging::colour::luma_from_rgb;
 use vergence_imaging::files::{read_gray, read_gray16};

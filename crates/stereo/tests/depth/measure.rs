@@ -4,8 +4,6 @@
 //! is neither a boast nor an excuse; occluders are reported and do not move the measurement; every way in which there is no
 //! answer has its reason. Does not prove anything about real cloth; the footage test touches that.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
 use crate::synthetic::{Pair, Rig, SENSOR, Scene, Shape, camera, cloth, rig};
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Translation3, UnitQuaternion, Vector3};
 use vergence_calib::RigCalibration;

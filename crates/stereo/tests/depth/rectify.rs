@@ -3,9 +3,6 @@
 //! each other, diagonal baselines, lens centres off their pivots) and lenses from none to strong; no wedges means none; poses that
 //! cannot be rectified are refused with a sentence.
 
-// In tests a failed unwrap is the failure.
-#![allow(clippy::unwrap_used)]
-
 use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector3};
 use vergence_geometry::{
     BrownConrady, Camera, Distortion, Eye, HeadAngles, HeadGeometry, Intrinsics, KannalaBrandt,

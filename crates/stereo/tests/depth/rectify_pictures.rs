@@ -2,9 +2,6 @@
 //! pitched cameras, and in recorded pairs with the calibration of their maker. Patches are matched by correlation alone, up, down and
 //! sideways, and know nothing of the rectification.
 
-// In tests a failed unwrap is the failure.
-#![allow(clippy::unwrap_used)]
-
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -2,9 +2,6 @@
 //! skipped with a message when that is not there. Proves that people are found and kept in pictures that nobody
 //! rendered; the pedestrians have boxes drawn by hand, the other recordings only bounds from their geometry.
 
-// In tests a failed unwrap is the failure.
-#![allow(clippy::unwrap_used)]
-
 use std::path::PathBuf;
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};

@@ -2,9 +2,6 @@
 //! while it turns. Proves that the head's own turn does not fire, that the card is found, followed to a few
 //! centimetres, bridged behind a nearer wall, and that bad input is refused; says nothing about real bodies.
 
-// In tests a failed unwrap is the failure.
-#![allow(clippy::unwrap_used)]
-
 use nalgebra::{Isometry3, Point2, Point3};
 use vergence_geometry::{
     BrownConrady, Camera, Distortion, Eye, HeadAngles, HeadGeometry, Intrinsics,

@@ -3,9 +3,6 @@
 //! the track, and that a second person who crosses nearer is not taken for the first; the loop's own tests close the
 //! loop through motors.
 
-// In tests a failed unwrap is the failure.
-#![allow(clippy::unwrap_used)]
-
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3};

@@ -1,7 +1,4 @@
 //! Boards before known cameras: sighted corners with known errors, for the tests of calibration.
-#![allow(dead_code, reason = "each test file uses its part")]
-#![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
-
 use nalgebra::{Isometry3, Point2, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 use vergence_calib::solve::{
     AXES, Head, LensModel, Mechanism, MotorState, Shot, Sighting, TurningAxis,

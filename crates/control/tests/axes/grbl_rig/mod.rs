@@ -1,12 +1,5 @@
 //! What the tests of the driver on the simulated controller share.
 
-#![allow(
-    dead_code,
-    missing_docs,
-    unreachable_pub,
-    reason = "each test file uses a part of it"
-)]
-
 use vergence_control::grbl::{
     GrblConfig, GrblDrive, SharedGrbl, SimulatedGrbl, SimulatedGrblConfig,
 };
@@ -16,20 +9,37 @@ use vergence_control::{
 };
 
 /// Between two updates, s.
-pub const UPDATE_S: f64 = 0.005;
+pub(crate) const UPDATE_S: f64 = 0.005;
 
 /// A driver and a simulated controller on one clock.
-pub struct Rig {
-    pub grbl: SharedGrbl,
-    pub drive: GrblDrive,
-    pub now_s: f64,
-    pub events: Vec<DriveEvent>,
+pub(crate) struct Rig {
+    pub(crate) grbl: SharedGrbl,
+    pub(crate) drive: GrblDrive,
+    pub(crate) now_s: f64,
+    pub(crate) events: Vec<DriveEvent>,
     /// Highest and lowest true position seen, degrees of the machine.
-    pub seen: [(f64, f64); 4],
+    pub(crate) seen: [(f64, f64); 4],
 }
 
 impl Rig {
-    pub fn with(config: SimulatedGrblConfig, settings: GrblConfig) -> Self {
+    /// No limit of speed, acceleration or travel was passed so far, by the controller's own audit and the true positions.
+    pub(crate) fn assert_within_limits(&self, what: &str) {
+        let audit = self.grbl.lock().audit();
+        assert_eq!(
+            (audit.speed, audit.acceleration, audit.jumps),
+            (0, 0, 0),
+            "{what}"
+        );
+        let travels = [(-152.0, 0.0), (-62.0, 0.0), (-15.0, 0.0), (-15.0, 0.0)];
+        for (seen, travel) in self.seen.iter().zip(travels) {
+            assert!(
+                seen.0 > travel.0 - 1e-6 && seen.1 < travel.1 + 1e-6,
+                "{what}: {seen:?}"
+            );
+        }
+    }
+
+    pub(crate) fn with(config: SimulatedGrblConfig, settings: GrblConfig) -> Self {
         let grbl = SharedGrbl::new(SimulatedGrbl::new(config, 0.0));
         let port = Box::new(grbl.port());
         let drive = GrblDrive::new(settings, &HeadConfig::default(), port, 0.0).unwrap();
@@ -42,7 +52,7 @@ impl Rig {
         }
     }
 
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self::with(
             SimulatedGrblConfig::for_rig(&HeadConfig::default()),
             GrblConfig::default(),
@@ -50,13 +60,13 @@ impl Rig {
     }
 
     /// Connected and homed.
-    pub fn homed() -> Self {
+    pub(crate) fn homed() -> Self {
         let mut rig = Self::new();
         rig.home();
         rig
     }
 
-    pub fn home(&mut self) {
+    pub(crate) fn home(&mut self) {
         self.run(1.0, None);
         assert!(
             matches!(self.drive.link(), Link::Up { .. }),
@@ -72,11 +82,11 @@ impl Rig {
         assert!(self.has(DriveEventKind::Homed), "{:?}", self.events);
     }
 
-    pub fn has(&self, kind: DriveEventKind) -> bool {
+    pub(crate) fn has(&self, kind: DriveEventKind) -> bool {
         self.events.iter().any(|e| e.kind == kind)
     }
 
-    pub fn step(&mut self) {
+    pub(crate) fn step(&mut self) {
         self.now_s += UPDATE_S;
         self.drive.update(self.now_s);
         self.events.extend(self.drive.take_events());
@@ -87,7 +97,7 @@ impl Rig {
     }
 
     /// Updates for a while; with setpoints at 30 Hz on a path (angle and speed of each axis at a time).
-    pub fn run(&mut self, seconds: f64, path: Option<&dyn Fn(f64) -> [(f64, f64); 4]>) {
+    pub(crate) fn run(&mut self, seconds: f64, path: Option<&dyn Fn(f64) -> [(f64, f64); 4]>) {
         let until_s = self.now_s + seconds;
         let mut next_s = self.now_s;
         while self.now_s < until_s - 1e-9 {
@@ -110,13 +120,13 @@ impl Rig {
         }
     }
 
-    pub fn speed(&self) -> f64 {
+    pub(crate) fn speed(&self) -> f64 {
         let v = self.grbl.lock().velocities(self.now_s);
         v.iter().map(|v| v.abs()).fold(0.0, f64::max)
     }
 
     /// A person looks, releases what is locked, and homes.
-    pub fn recover(&mut self) {
+    pub(crate) fn recover(&mut self) {
         let mut tries = 0;
         while self.drive.states()[0] != AxisState::Held {
             tries += 1;
@@ -146,7 +156,7 @@ impl Rig {
     }
 
     /// How far the worst axis truly is from a path now, degrees.
-    pub fn off(&self, path: &dyn Fn(f64) -> [(f64, f64); 4]) -> f64 {
+    pub(crate) fn off(&self, path: &dyn Fn(f64) -> [(f64, f64); 4]) -> f64 {
         let truth = self.grbl.lock().true_positions(self.now_s);
         let zero = [-76.0, -31.0, -13.0, -2.0];
         (0..4)
@@ -154,13 +164,13 @@ impl Rig {
             .fold(0.0, f64::max)
     }
 
-    pub fn angles(&self) -> [f64; 4] {
+    pub(crate) fn angles(&self) -> [f64; 4] {
         AxisName::ALL.map(|a| self.drive.reading(a, self.now_s).unwrap().position_rad)
     }
 }
 
 /// All axes swing, pan at up to 25 °/s.
-pub fn zigzag(t: f64) -> [(f64, f64); 4] {
+pub(crate) fn zigzag(t: f64) -> [(f64, f64); 4] {
     let wave = |size: f64, hz: f64| {
         let w = std::f64::consts::TAU * hz;
         let (sin, cos) = (w * t).sin_cos();

@@ -1,7 +1,5 @@
 //! Writes small MATLAB level-5 files, byte by byte from the description of the format, for the reader to read.
 
-#![allow(dead_code, reason = "each test binary uses a part")]
-
 /// An array with its name and contents.
 pub(crate) enum Array {
     /// Full, column after column; small whole numbers are stored as bytes, as MATLAB does.

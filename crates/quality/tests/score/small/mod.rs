@@ -1,7 +1,5 @@
 //! Small models to try things on.
 
-#![allow(dead_code, reason = "each test binary uses a part")]
-
 use proptest::prelude::*;
 use vergence_quality::model::{Classifier, Regressor, Scaling, Support};
 use vergence_quality::{DISTORTIONS, FEATURE_COUNT, Model};

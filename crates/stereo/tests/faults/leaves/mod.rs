@@ -3,8 +3,6 @@
 //! Each disc has a disparity of its own and hides what is behind it, so both pictures are true views of one scene, with occlusion;
 //! every disparity and the (zero) vertical disparity are known exactly. Written without the code under test.
 
-#![allow(dead_code, reason = "not every test uses all of it")]
-
 use vergence_imaging::Rgb;
 
 /// Discs; lengths in widths of the picture.

@@ -2,8 +2,6 @@
 //!
 //! Written without the code under test: the maps go from the faulty picture's pixel back to the faultless one's.
 
-#![allow(dead_code, reason = "not every test uses all of it")]
-
 use vergence_imaging::Rgb;
 
 /// What is done to a picture, from its centre; pixels of the picture. In this order: keystone, lens, zoom and roll, offset, then the
