@@ -4,6 +4,7 @@
 //! synchronous, owns its buffers, reads no clock and draws no random numbers: the same pairs and times give the same
 //! bytes. Wall time of its stages is measured beside it ([`stages`]) and steers nothing.
 
+mod bearings;
 mod claims;
 pub mod conductor;
 pub mod error;
@@ -28,4 +29,4 @@ pub use servo::{Servo, ServoSettings};
 pub use stages::{Stage, StageTimes, Stopwatch};
 pub use step::{Measured, Step};
 pub use watch::{HealthNote, WatchSettings};
-pub use zeros::LostZero;
+pub use zeros::{LostZero, Wrong};

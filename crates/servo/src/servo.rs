@@ -14,6 +14,7 @@ use vergence_track::{
     SightingKind, TwoViewSettings, TwoViewTracker,
 };
 
+use crate::bearings::Look;
 use crate::error::ServoError;
 use crate::prior::prior_from_estimate;
 use crate::rigging::{Permit, Rigging, Stance};
@@ -163,9 +164,9 @@ impl Servo {
             let control = self.drive(&stance, aim.as_ref(), now_s)?;
             Ok::<_, ServoError>((update, estimate, aim, control))
         })?;
-        let in_sight = report.sighting.is_some();
+        let person = report.sighting.map(|sighting| sighting.body);
         let lost_zero = times.timed(Stage::Health, || {
-            self.look_at_zeros(capture_s, in_sight, &stance)
+            self.look_at_zeros(capture_s, person, &stance)
         });
         Ok(Step {
             index: pair.index,
@@ -240,12 +241,12 @@ impl Servo {
         note
     }
 
-    /// Whether the pictures say that the vergence axes have lost their zeros: after the setpoints, which do not wait for it. Cameras that do not move, and
-    /// axes that have no zeros by their own word, are not asked about.
+    /// Whether the pictures say that axes have lost their zeros: after the setpoints, which do not wait for it. Cameras that do not move, and axes
+    /// that have no zeros by their own word, are not asked about.
     fn look_at_zeros(
         &mut self,
         capture_s: f64,
-        in_sight: bool,
+        person: Option<PixelBox>,
         stance: &Stance,
     ) -> Option<LostZero> {
         let Rigging::Motors(motors) = &mut self.rigging else {
@@ -255,8 +256,14 @@ impl Servo {
         if !(states.iter()).all(|s| matches!(s, AxisState::Ready | AxisState::Held)) {
             return None;
         }
-        let views = Eye::BOTH.map(|eye| view(&self.pictures, &self.cameras, stance, eye));
-        (self.zeros).look(capture_s, in_sight, &stance.angles, [&views[0], &views[1]])
+        let look = Look {
+            time_s: capture_s,
+            angles: stance.angles,
+            base_from_head: stance.base_from_head,
+            views: Eye::BOTH.map(|eye| view(&self.pictures, &self.cameras, stance, eye)),
+            person,
+        };
+        self.zeros.look(&look)
     }
 
     /// The axes are about to be homed: what the pictures said of their zeros, and what was corrected of the right one, counts no more.

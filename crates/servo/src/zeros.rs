@@ -1,12 +1,14 @@
-//! Are the zeros of the vergence axes still where they were? A motor without an encoder that misses steps says nothing of it; the pictures do.
+//! Are the zeros of the axes still where they were? A motor without an encoder that misses steps says nothing of it; the pictures do.
 //!
-//! Looked at while nobody is followed, and until the rig was once seen to be well: what lies behind infinity ([`InfinityCheck`]) says that the eyes are
-//! turned towards each other further than the axes say. Eyes that are turned apart from what they should be only make everything seem nearer, and are
-//! not noticed here.
+//! In two ways. What lies behind infinity ([`InfinityCheck`]) says that the eyes are turned towards each other further than the axes say; eyes that are turned
+//! apart from what they should be only make everything seem nearer, and are not noticed so. It is looked for while nobody is followed, and until the rig was once
+//! seen to be well. And a part of the room that was seen before lies elsewhere when an axis has lost its zero since ([`Bearings`]).
 
+use vergence_control::AxisName;
 use vergence_geometry::HeadAngles;
-use vergence_track::{EyeView, FarSight, InfinityCheck};
+use vergence_track::{FarSight, InfinityCheck};
 
+use crate::bearings::{Bearing, Bearings, Look};
 use crate::watch::WatchSettings;
 
 /// Time between two looks, s.
@@ -37,10 +39,21 @@ const STILL_RAD_S: f64 = 3.0 * std::f64::consts::PI / 180.0;
 /// So often it is looked at beside somebody who is followed, to see that the rig is well; a room without anything to match never shows it.
 const LOOKS_IN_SIGHT: u32 = 30;
 
+/// What is wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wrong {
+    /// The eyes are turned towards each other further than the axes say.
+    Vergence,
+    /// The room lies beside where it was, by the fault of this axis as far as the pictures tell: a turned head is not told from one of its axes.
+    Axis(AxisName),
+}
+
 /// What the looks say together.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LostZero {
-    /// The eyes are turned towards each other further than the axes say, by at least this angle, rad.
+    /// What is wrong.
+    pub wrong: Wrong,
+    /// By at least this angle, rad.
     pub by_rad: f64,
     /// Whether it was so before, and homing did not mend it.
     pub again: bool,
@@ -52,20 +65,43 @@ impl LostZero {
     /// As a sentence for a person who is to do something.
     pub fn sentence(&self) -> String {
         let degrees = self.by_rad.to_degrees();
-        let remedy = if !self.was_right {
-            "they never stood as calibrated in this run: calibrate the rig, or see whether left and right are swapped"
-        } else if self.again {
-            "homing did not mend it: see whether a camera was turned, left and right are swapped or one repeats an old picture, and calibrate"
-        } else {
-            "a motor has missed steps: home the rig (or left and right are swapped, a camera was turned, or one repeats an old picture)"
-        };
-        format!(
-            "what both cameras see lies behind infinity: they are turned towards each other at least {degrees:.1} degrees further than the vergence axes say; {remedy}"
-        )
+        match self.wrong {
+            Wrong::Vergence => {
+                let remedy = if !self.was_right {
+                    "they never stood as calibrated in this run: calibrate the rig, or see whether left and right are swapped"
+                } else if self.again {
+                    "homing did not mend it: see whether a camera was turned, left and right are swapped or one repeats an old picture, and calibrate"
+                } else {
+                    "a motor has missed steps: home the rig (or left and right are swapped, a camera was turned, or one repeats an old picture)"
+                };
+                format!(
+                    "what both cameras see lies behind infinity: they are turned towards each other at least {degrees:.1} degrees further than the vergence axes say; {remedy}"
+                )
+            }
+            Wrong::Axis(axis) => {
+                let (who_sees, name) = match axis {
+                    AxisName::Pan => ("the cameras see", "pan"),
+                    AxisName::Tilt => ("the cameras see", "tilt"),
+                    AxisName::LeftVergence => ("the left camera sees", "left vergence"),
+                    AxisName::RightVergence => ("the right camera sees", "right vergence"),
+                };
+                let remedy = match self.again {
+                    true => {
+                        "homing did not mend it: the room is learned anew; see whether the rig or a camera was turned by hand, or the switch has moved"
+                    }
+                    false => {
+                        "its motor has missed steps: home the rig (or the rig was turned by hand)"
+                    }
+                };
+                format!(
+                    "{who_sees} the room {degrees:.1} degrees beside where axis {name} says: {remedy}"
+                )
+            }
+        }
     }
 }
 
-/// How far it has come since the eyes were last seen to stand right.
+/// How far it has come since all was last seen to be right.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Told {
     #[default]
@@ -78,16 +114,12 @@ enum Told {
     GivenUp,
 }
 
-/// The looks, with what they said so far.
+/// Looks, with what they said so far: one is no finding.
 #[derive(Default)]
-pub(crate) struct Zeros {
-    check: InfinityCheck,
+struct Looks {
     /// A finding takes at least so long from its first look on, s.
     patience_s: f64,
-    due_s: f64,
-    before: Option<(f64, HeadAngles)>,
-    looks_in_sight: u32,
-    /// Looks that found the eyes wrong: how many in a row, and when the first and the last of them were, s.
+    /// Looks that found something wrong: how many in a row, and when the first and the last of them were, s.
     bad: u32,
     bad_s: [f64; 2],
     good: u32,
@@ -95,50 +127,122 @@ pub(crate) struct Zeros {
     told: Told,
 }
 
-impl Zeros {
-    /// For a rig whose health is watched in this way beside.
-    pub(crate) fn new(watch: &WatchSettings) -> Self {
-        let patience_s = match watch.correct {
-            true => CORRECTED_WITHIN * watch.every_s,
-            false => 0.0,
-        };
-        Self {
-            patience_s,
-            ..Self::default()
+impl Looks {
+    /// A look that found all right.
+    fn right(&mut self) {
+        self.bad = 0;
+        self.good += 1;
+        if self.good >= LOOKS {
+            self.was_right = true;
+            self.told = Told::Nothing;
         }
     }
 
-    /// Look at a pair when it is time to. `in_sight` says that somebody is followed in it.
-    pub(crate) fn look(
-        &mut self,
-        time_s: f64,
-        in_sight: bool,
-        angles: &HeadAngles,
-        views: [&EyeView; 2],
-    ) -> Option<LostZero> {
-        let still = self.stands(time_s, angles);
+    /// A look that found it wrong: whether that is to be told, and whether again.
+    fn wrong(&mut self, time_s: f64) -> Option<bool> {
+        self.good = 0;
+        if self.bad == 0 || time_s - self.bad_s[1] > PAUSE_S {
+            self.bad = 0;
+            self.bad_s[0] = time_s;
+        }
+        self.bad_s[1] = time_s;
+        self.bad += 1;
+        if self.bad < LOOKS || time_s - self.bad_s[0] < self.patience_s {
+            return None;
+        }
+        self.bad = 0;
+        let again = self.told == Told::Homed;
+        self.told = match self.told {
+            Told::Nothing => Told::Lost,
+            Told::Homed => Told::GivenUp,
+            Told::Lost | Told::GivenUp => return None,
+        };
+        Some(again)
+    }
+
+    fn begin_homing(&mut self) {
+        self.bad = 0;
+        self.good = 0;
+        if self.told == Told::Lost {
+            self.told = Told::Homed;
+        }
+    }
+}
+
+/// Both ways of looking.
+#[derive(Default)]
+pub(crate) struct Zeros {
+    check: InfinityCheck,
+    due_s: f64,
+    before: Option<(f64, HeadAngles)>,
+    looks_in_sight: u32,
+    vergence: Looks,
+    bearings: Bearings,
+    room: Looks,
+}
+
+impl Zeros {
+    /// For a rig whose health is watched in this way beside.
+    pub(crate) fn new(watch: &WatchSettings) -> Self {
+        let mut zeros = Self::default();
+        if watch.correct {
+            zeros.vergence.patience_s = CORRECTED_WITHIN * watch.every_s;
+            zeros.room.patience_s = zeros.vergence.patience_s;
+        }
+        zeros
+    }
+
+    /// Look at a pair when it is time to.
+    pub(crate) fn look(&mut self, look: &Look) -> Option<LostZero> {
+        self.look_behind_infinity(look)
+            .or_else(|| self.look_around(look))
+    }
+
+    fn look_behind_infinity(&mut self, look: &Look) -> Option<LostZero> {
+        let time_s = look.time_s;
+        let still = self.stands(time_s, &look.angles);
         if !still || time_s < self.due_s {
             return None;
         }
-        if in_sight {
-            if self.was_right || self.looks_in_sight >= LOOKS_IN_SIGHT {
+        if look.person.is_some() {
+            if self.vergence.was_right || self.looks_in_sight >= LOOKS_IN_SIGHT {
                 return None;
             }
             self.looks_in_sight += 1;
         }
         self.due_s = time_s + EVERY_S;
-        let sight = self.check.look(views[0], views[1]);
+        let sight = self.check.look(&look.views[0], &look.views[1]);
         self.take(time_s, &sight)
+    }
+
+    /// Whether the room lies where it did.
+    fn look_around(&mut self, look: &Look) -> Option<LostZero> {
+        match self.bearings.look(look)? {
+            Bearing::There => {
+                self.room.right();
+                None
+            }
+            Bearing::Beside(axis, by_rad) => {
+                let again = self.room.wrong(look.time_s)?;
+                if again {
+                    self.bearings.forget();
+                }
+                Some(LostZero {
+                    wrong: Wrong::Axis(axis),
+                    by_rad,
+                    again,
+                    was_right: true,
+                })
+            }
+        }
     }
 
     /// The axes are about to be homed: what was seen before counts no more.
     pub(crate) fn begin_homing(&mut self) {
-        self.bad = 0;
-        self.good = 0;
         self.before = None;
-        if self.told == Told::Lost {
-            self.told = Told::Homed;
-        }
+        self.vergence.begin_homing();
+        self.bearings.begin_homing();
+        self.room.begin_homing();
     }
 
     fn stands(&mut self, time_s: f64, angles: &HeadAngles) -> bool {
@@ -159,35 +263,15 @@ impl Zeros {
         let least = BEYOND_SHARE * f64::from(sight.matched);
         let beyond = sight.beyond >= LEAST_BEYOND && f64::from(sight.beyond) >= least;
         if !(beyond && sight.by_rad >= LEAST_RAD) {
-            self.bad = 0;
-            self.good += 1;
-            if self.good >= LOOKS {
-                self.was_right = true;
-                self.told = Told::Nothing;
-            }
+            self.vergence.right();
             return None;
         }
-        self.good = 0;
-        if self.bad == 0 || time_s - self.bad_s[1] > PAUSE_S {
-            self.bad = 0;
-            self.bad_s[0] = time_s;
-        }
-        self.bad_s[1] = time_s;
-        self.bad += 1;
-        if self.bad < LOOKS || time_s - self.bad_s[0] < self.patience_s {
-            return None;
-        }
-        self.bad = 0;
-        let again = self.told == Told::Homed;
-        self.told = match self.told {
-            Told::Nothing => Told::Lost,
-            Told::Homed => Told::GivenUp,
-            Told::Lost | Told::GivenUp => return None,
-        };
+        let again = self.vergence.wrong(time_s)?;
         Some(LostZero {
+            wrong: Wrong::Vergence,
             by_rad: sight.by_rad,
             again,
-            was_right: self.was_right,
+            was_right: self.vergence.was_right,
         })
     }
 }

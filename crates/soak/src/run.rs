@@ -7,7 +7,9 @@ use vergence_capture::{Frame, Pairer, PairingLimits, SourceInfo, StereoFrame};
 use vergence_control::{ControlSettings, Controller, ModeRequest, RigState, SupervisorSettings};
 use vergence_geometry::{HeadAngles, HeadGeometry};
 use vergence_imaging::Rgb;
-use vergence_servo::{Conductor, Motors, Rigging, Servo, ServoSettings, Step, WatchSettings};
+use vergence_servo::{
+    Conductor, Motors, Rigging, Servo, ServoSettings, Step, WatchSettings, Wrong,
+};
 
 use crate::eyes::{self, Eyes, FPS, Sent};
 use crate::faults::{Fault, Planted, planted};
@@ -35,6 +37,12 @@ const READ_EVERY_S: f64 = 7.3;
 
 /// Zeros of which the pictures say that they are lost must be off by at least this, rad (0.15 degrees).
 const FALSE_RAD: f64 = 0.0026;
+
+/// The same of a single axis, rad (0.3 degrees) ...
+const FALSE_AXIS_RAD: f64 = 0.0052;
+
+/// ... of which is told by how much, to this, rad (1 degree).
+const TOLD_WITHIN_RAD: f64 = 0.0175;
 
 /// So long after eyes were swapped the pictures may still be found wrong, s.
 const SWAPPED_S: f64 = 0.2;
@@ -292,17 +300,28 @@ impl Run {
         Ok(())
     }
 
-    /// What the pictures say of lost zeros must be true: the cameras stand otherwise than the axes say. Only eyes that are swapped look the same.
+    /// What the pictures say of lost zeros must be true: the cameras stand otherwise than the axes say. Only eyes that are swapped look as if they were
+    /// turned apart.
     fn judge_lost_zero(&mut self, step: &Step, truth: Option<(Point3<f64>, HeadAngles)>) {
         let (Some(lost), Some((_, angles))) = (&step.lost_zero, truth) else {
             return;
         };
-        let off_rad = angles.vergence() - step.angles.vergence();
         let world_s = self.world_s;
         let swapped = |p: &Planted| {
             p.fault == Fault::Swapped && (p.from_s..p.until_s + SWAPPED_S).contains(&world_s)
         };
-        if off_rad < FALSE_RAD && !self.faults.iter().any(swapped) {
+        let is_true = match lost.wrong {
+            Wrong::Vergence => {
+                angles.vergence() - step.angles.vergence() >= FALSE_RAD
+                    || self.faults.iter().any(swapped)
+            }
+            Wrong::Axis(axis) => {
+                let i = axis.index();
+                let off_rad = (angles.to_array()[i] - step.angles.to_array()[i]).abs();
+                off_rad >= FALSE_AXIS_RAD && (off_rad - lost.by_rad).abs() <= TOLD_WITHIN_RAD
+            }
+        };
+        if !is_true {
             let text = lost.sentence();
             self.watcher
                 .violated(world_s, &format!("a false alarm: {text}"));
@@ -441,5 +460,69 @@ mod tests {
         );
         // Only of the first fault nothing is known, which the second one followed.
         assert_eq!(verdict.unjudged, 1);
+    }
+
+    /// A pan motor stalls while a person is followed, and the counter runs away to its limit with a head that stands: the cameras go on seeing what they saw. The
+    /// rig says so before the person is out of sight, and nothing before.
+    #[test]
+    fn a_counter_that_runs_away_is_seen_in_the_pictures() {
+        let (verdict, decisions) = run_with(750, 27.0, planted(750, 60.0));
+        assert_eq!(verdict.count, 0, "{:?}", verdict.violations);
+        let told: Vec<&String> = (decisions.iter())
+            .filter(|text| text.contains("the room"))
+            .collect();
+        assert!(
+            told.len() == 1
+                && told[0].contains("beside where axis pan says: its motor has missed steps"),
+            "{told:?}"
+        );
+    }
+
+    /// A vergence motor stalls for two seconds and leaves its camera looking 1.0 degrees outwards, so that everything seems nearer: nothing lies behind
+    /// infinity, but one camera sees the room beside where it was.
+    #[test]
+    fn an_eye_that_turned_outwards_is_seen_in_the_pictures() {
+        let (verdict, decisions) = run_with(63, 33.0, planted(63, 60.0));
+        assert_eq!(verdict.count, 0, "{:?}", verdict.violations);
+        let told: Vec<&String> = (decisions.iter())
+            .filter(|text| text.contains("the room"))
+            .collect();
+        let said = "the left camera sees the room 1.0 degrees beside where axis left vergence says";
+        assert!(told.len() == 1 && told[0].contains(said), "{told:?}");
+    }
+
+    /// An axis sticks on its way from the switch to zero, after it was homed twice before: the room does not lie where it did both times. Whichever axis it is
+    /// is named, and once it is homed again the target is followed.
+    #[test]
+    fn an_axis_that_lost_its_zero_is_named() {
+        let lost = |from_s: f64| Planted {
+            fault: Fault::LostHome,
+            from_s,
+            until_s: from_s + 0.1,
+        };
+        for (axis, from_s, name) in [
+            (AxisName::Pan, 26.35, "beside where axis pan says"),
+            (AxisName::Tilt, 26.0, "beside where axis tilt says"),
+            (
+                AxisName::RightVergence,
+                24.3,
+                "beside where axis right vergence says",
+            ),
+        ] {
+            let stuck = Planted {
+                fault: Fault::Stuck(axis),
+                from_s,
+                until_s: 27.5,
+            };
+            let (verdict, decisions) = run_with(647, 45.0, vec![lost(9.0), lost(20.0), stuck]);
+            assert_eq!(verdict.count, 0, "{axis:?}: {:?}", verdict.violations);
+            let told: Vec<&String> = (decisions.iter())
+                .filter(|text| text.contains("the room") || text.contains("behind infinity"))
+                .collect();
+            assert!(
+                told.len() == 1 && told[0].contains(name),
+                "{axis:?}: {told:?}"
+            );
+        }
     }
 }

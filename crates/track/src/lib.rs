@@ -11,6 +11,7 @@ pub mod error;
 pub mod filter;
 pub mod follow;
 pub mod infinity;
+pub mod keyframe;
 mod motion;
 mod movers;
 mod outline;
@@ -25,6 +26,7 @@ mod window;
 pub use error::TrackError;
 pub use follow::{FollowSettings, Follower, check_box, was_blind};
 pub use infinity::{FarSight, InfinityCheck};
+pub use keyframe::{Agreement, Keyframe, Panorama, Placed, Turned};
 pub use movers::Posture;
 pub use two_view::{TwoViewReport, TwoViewSettings, TwoViewSighting, TwoViewTracker, TwoViews};
 pub use view::{

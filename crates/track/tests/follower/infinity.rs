@@ -15,34 +15,36 @@ use vergence_imaging::{Gray, Rgb};
 use vergence_scene::{PathSpec, Renderer, Shot, TwinCamera, World, WorldConfig};
 use vergence_track::{EyeView, FarSight, InfinityCheck};
 
-const HEAD: HeadGeometry = HeadGeometry {
+pub(crate) const HEAD: HeadGeometry = HeadGeometry {
     interaxial_m: 0.07,
     pupil_m: 0.02,
 };
 
 /// A pair of a room, and where the cameras truly stood.
-struct Seen {
-    camera: Camera,
+pub(crate) struct Seen {
+    pub(crate) camera: Camera,
     right: Camera,
-    pyramids: [Pyramid; 2],
+    pub(crate) pyramids: [Pyramid; 2],
     base_from_cam: [Isometry3<f64>; 2],
 }
 
 fn seen(seed: u64, angles: HeadAngles) -> Seen {
-    let world = Arc::new(
-        World::new(&WorldConfig {
-            path: PathSpec::Walk,
-            seed,
-            ..WorldConfig::default()
-        })
-        .unwrap(),
-    );
+    let world = World::new(&WorldConfig {
+        path: PathSpec::Walk,
+        seed,
+        ..WorldConfig::default()
+    });
+    seen_in(&world.unwrap(), seed, angles, 3.0)
+}
+
+/// What a head that stands so sees of a world at this time.
+pub(crate) fn seen_in(world: &World, seed: u64, angles: HeadAngles, time_s: f64) -> Seen {
     let twin = TwinCamera::default().scaled(0.25);
-    let mut renderer = Renderer::new(world, [twin; 2], seed).unwrap();
+    let mut renderer = Renderer::new(Arc::new(world.clone()), [twin; 2], seed).unwrap();
     let pose = |eye: Eye| HEAD.base_from_cam(eye, &angles);
     let shot = Shot {
         index: 0,
-        mid_exposure_s: [3.0; 2],
+        mid_exposure_s: [time_s; 2],
         cam_from_base: &|eye, _| pose(eye).inverse(),
     };
     let mut pair = [Rgb::filled(1, 1, [0; 3]), Rgb::filled(1, 1, [0; 3])];
@@ -135,7 +137,7 @@ fn what_cannot_be_matched_says_nothing() {
     }
 }
 
-fn data(folder: &str) -> Option<PathBuf> {
+pub(crate) fn data(folder: &str) -> Option<PathBuf> {
     let root = std::env::var_os("VERGENCE_TEST_DATA").map_or_else(
         || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared"),
         PathBuf::from,

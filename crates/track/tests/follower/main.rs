@@ -7,6 +7,7 @@
 )]
 
 mod infinity;
+mod keyframe;
 mod real;
 mod synthetic;
 mod twin;
