@@ -164,9 +164,8 @@ impl Servo {
             let control = self.drive(&stance, aim.as_ref(), now_s)?;
             Ok::<_, ServoError>((update, estimate, aim, control))
         })?;
-        let person = report.sighting.map(|sighting| sighting.body);
         let lost_zero = times.timed(Stage::Health, || {
-            self.look_at_zeros(capture_s, person, &stance)
+            self.look_at_zeros(capture_s, &report, &stance)
         });
         Ok(Step {
             index: pair.index,
@@ -246,13 +245,17 @@ impl Servo {
     fn look_at_zeros(
         &mut self,
         capture_s: f64,
-        person: Option<PixelBox>,
+        report: &Report,
         stance: &Stance,
     ) -> Option<LostZero> {
         let Rigging::Motors(motors) = &mut self.rigging else {
             return None;
         };
         let states = motors.drive_mut().states();
+        if states.contains(&AxisState::Unhomed) {
+            // Whoever homes them now, from a panel of their own as well.
+            self.zeros.begin_homing();
+        }
         if !(states.iter()).all(|s| matches!(s, AxisState::Ready | AxisState::Held)) {
             return None;
         }
@@ -261,7 +264,9 @@ impl Servo {
             angles: stance.angles,
             base_from_head: stance.base_from_head,
             views: Eye::BOTH.map(|eye| view(&self.pictures, &self.cameras, stance, eye)),
-            person,
+            right_offset_rad: self.watch.right_offset_rad(capture_s),
+            person: report.sighting.map(|sighting| sighting.body),
+            movers: &report.movers,
         };
         self.zeros.look(&look)
     }

@@ -23,6 +23,12 @@ const PAUSE_S: f64 = 2.0;
 /// Where the right camera's drift is corrected, that gets so many of its own periods to do so before anything is found here.
 const CORRECTED_WITHIN: f64 = 5.0;
 
+/// Looks around come faster once one found something: they make a finding when so long apart, s, ...
+const ROOM_S: f64 = 0.5;
+
+/// ... and when an eye lies beside by the same angle in all of them, to this, rad (0.3°).
+const SAME_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
+
 /// A look says something when at least so many patches were matched ...
 const LEAST_MATCHED: u32 = 6;
 
@@ -57,7 +63,7 @@ pub struct LostZero {
     pub by_rad: f64,
     /// Whether it was so before, and homing did not mend it.
     pub again: bool,
-    /// Whether the eyes were ever seen to stand right in this run: if not, it is the calibration that is wrong.
+    /// Whether the eyes were ever seen to stand right in this run: if not, it is the calibration that is wrong. Always of a room that lies beside.
     pub was_right: bool,
 }
 
@@ -179,15 +185,27 @@ pub(crate) struct Zeros {
     vergence: Looks,
     bearings: Bearings,
     room: Looks,
+    /// What the last look around found beside.
+    beside: Option<(AxisName, f64)>,
+    told_axis: Option<AxisName>,
+}
+
+/// Whether two looks found the same axis wrong, to the same side. A pan whose counter runs away is off by more each time; an eye is not.
+fn is_same((axis, by_rad): (AxisName, f64), (now, by_now_rad): (AxisName, f64)) -> bool {
+    let is_eye = matches!(axis, AxisName::LeftVergence | AxisName::RightVergence);
+    axis == now
+        && by_rad.signum() == by_now_rad.signum()
+        && (!is_eye || (by_rad - by_now_rad).abs() <= SAME_RAD)
 }
 
 impl Zeros {
     /// For a rig whose health is watched in this way beside.
     pub(crate) fn new(watch: &WatchSettings) -> Self {
         let mut zeros = Self::default();
+        zeros.room.patience_s = ROOM_S;
         if watch.correct {
             zeros.vergence.patience_s = CORRECTED_WITHIN * watch.every_s;
-            zeros.room.patience_s = zeros.vergence.patience_s;
+            zeros.room.patience_s = ROOM_S.max(zeros.vergence.patience_s);
         }
         zeros
     }
@@ -223,13 +241,22 @@ impl Zeros {
                 None
             }
             Bearing::Beside(axis, by_rad) => {
+                if !self
+                    .beside
+                    .is_some_and(|before| is_same(before, (axis, by_rad)))
+                {
+                    self.room.bad = 0;
+                }
+                self.beside = Some((axis, by_rad));
                 let again = self.room.wrong(look.time_s)?;
+                let again = again && self.told_axis == Some(axis);
+                self.told_axis = Some(axis);
                 if again {
                     self.bearings.forget();
                 }
                 Some(LostZero {
                     wrong: Wrong::Axis(axis),
-                    by_rad,
+                    by_rad: by_rad.abs(),
                     again,
                     was_right: true,
                 })

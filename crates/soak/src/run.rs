@@ -2,10 +2,9 @@
 
 use std::collections::VecDeque;
 
-use nalgebra::Point3;
 use vergence_capture::{Frame, Pairer, PairingLimits, SourceInfo, StereoFrame};
 use vergence_control::{ControlSettings, Controller, ModeRequest, RigState, SupervisorSettings};
-use vergence_geometry::{HeadAngles, HeadGeometry};
+use vergence_geometry::HeadGeometry;
 use vergence_imaging::Rgb;
 use vergence_servo::{
     Conductor, Motors, Rigging, Servo, ServoSettings, Step, WatchSettings, Wrong,
@@ -288,7 +287,7 @@ impl Run {
                     let pointing = self.eyes.pointing(self.world_s);
                     let truth = self.eyes.truth(self.world_s);
                     self.watcher.saw(self.world_s, step, pointing, truth);
-                    self.judge_lost_zero(step, truth);
+                    self.judge_lost_zero(step);
                     self.tape.step(self.world_s, &pair, step);
                 }
             }
@@ -302,7 +301,9 @@ impl Run {
 
     /// What the pictures say of lost zeros must be true: the cameras stand otherwise than the axes say. Only eyes that are swapped look as if they were
     /// turned apart.
-    fn judge_lost_zero(&mut self, step: &Step, truth: Option<(Point3<f64>, HeadAngles)>) {
+    fn judge_lost_zero(&mut self, step: &Step) {
+        // Where the axes truly stood when the pair was taken.
+        let truth = self.eyes.truth(step.index as f64 / FPS);
         let (Some(lost), Some((_, angles))) = (&step.lost_zero, truth) else {
             return;
         };
@@ -463,7 +464,7 @@ mod tests {
     }
 
     /// A pan motor stalls while a person is followed, and the counter runs away to its limit with a head that stands: the cameras go on seeing what they saw. The
-    /// rig says so before the person is out of sight, and nothing before.
+    /// rig says so, and nothing before.
     #[test]
     fn a_counter_that_runs_away_is_seen_in_the_pictures() {
         let (verdict, decisions) = run_with(750, 27.0, planted(750, 60.0));

@@ -4,13 +4,15 @@
 
 use std::sync::Arc;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 use vergence_geometry::{Eye, HeadAngles, HeadGeometry};
 use vergence_imaging::Rgb;
 use vergence_imaging::colour::luma_from_rgb;
 use vergence_imaging::pyramid::Pyramid;
 use vergence_scene::{Renderer, Shot, TwinCamera, World, WorldConfig};
-use vergence_track::{EyeView, FollowSettings, FollowState, Follower, InfinityCheck, Observation};
+use vergence_track::{
+    EyeView, FollowSettings, FollowState, Follower, InfinityCheck, Keyframe, Observation, Panorama,
+};
 
 const HEAD: HeadGeometry = HeadGeometry {
     interaxial_m: 0.07,
@@ -115,6 +117,35 @@ fn behind_infinity(bencher: divan::Bencher) {
     let footage = Footage::new(0.5, 1);
     let mut check = InfinityCheck::default();
     bencher.bench_local(|| check.look(&footage.view(0, 0), &footage.view(0, 1)));
+}
+
+/// One look whether the room lies where it was seen before, three views in both eyes, all of them there; the loop takes one in ten pairs.
+#[divan::bench(sample_count = 20)]
+fn room_in_its_place(bencher: divan::Bencher) {
+    let footage = Footage::new(0.5, 1);
+    let axis = Vector3::y_axis();
+    let keyframes = [0, 1].map(|eye| Keyframe::new(&footage.view(0, eye), &[]));
+    bencher.bench_local(|| {
+        [0, 1].map(|eye: usize| {
+            let seen = Panorama::new(&footage.view(0, eye), &axis, &[]);
+            [(); 3].map(|()| keyframes[eye].placed(&seen))
+        })
+    });
+}
+
+/// The longest such look: four views are searched for in both eyes, about two axes.
+#[divan::bench(sample_count = 20)]
+fn room_elsewhere(bencher: divan::Bencher) {
+    let footage = Footage::new(0.5, 1);
+    let keyframes = [0, 1].map(|eye| Keyframe::new(&footage.view(0, eye), &[]));
+    bencher.bench_local(|| {
+        [Vector3::y_axis(), Vector3::x_axis()].map(|axis| {
+            [0, 1].map(|eye: usize| {
+                let seen = Panorama::new(&footage.view(0, eye), &axis, &[]);
+                [(); 4].map(|()| keyframes[eye].turned(&seen, [-0.35, 0.35]))
+            })
+        })
+    });
 }
 
 fn main() {

@@ -3,7 +3,7 @@
 //! A [`Keyframe`] remembers a picture and the pose from which it was taken. A later picture shows the same things in the same directions, wherever the
 //! camera has turned in between, as long as its pose is known; shows it them elsewhere, all by the same angle, then one of the two poses was wrong. Both
 //! are laid out by directions about the axis in question ([`Panorama`]), where a turn about it is a shift of columns.
-//! Where the lens stood is neglected: on a pan-tilt head it moves by centimetres, which is below a degree for what is more than 2 m away.
+//! Where the lens stood is neglected: what has moved by decimetres sideways in between sees another room, and who compares must allow for it.
 
 use std::borrow::Cow;
 use std::f64::consts::PI;
@@ -20,7 +20,7 @@ use crate::view::{EyeView, PixelBox};
 const ACROSS: f64 = 91.0;
 
 /// ... of which the exact camera is asked every so many, and the places in between lie on straight lines.
-const MESH: usize = 6;
+const MESH: usize = 3;
 
 /// Places of patches, across and down.
 const PATCHES: [usize; 2] = [6, 5];
@@ -38,7 +38,10 @@ const CONTRAST: f32 = 4.0;
 const FOUND: f32 = 0.8;
 
 /// "Where it should be" is so many columns to each side (1.4° for a picture 31° wide): calibration, play, and the way of the lens.
-const NEAR: i32 = 4;
+pub const NEAR: i32 = 4;
+
+/// Patches that lie further than this from their median are not where the others are, columns.
+const ALIKE: f64 = 1.0;
 
 /// Columns beside each other are one place.
 const SPREAD: usize = 1;
@@ -51,6 +54,7 @@ const BESIDE: usize = 4;
 /// Directions are those of the base frame; outside the picture there is nothing (NaN). The seam lies behind the base's z axis, where a rig does not look.
 #[derive(Clone, Debug)]
 pub struct Panorama {
+    axis: Unit<Vector3<f64>>,
     step_rad: f64,
     first: [i32; 2],
     cols: usize,
@@ -121,10 +125,16 @@ struct Patch {
 }
 
 impl Panorama {
-    /// Lay out what a camera sees, about `axis` (in base).
-    pub fn new(view: &EyeView, axis: &Unit<Vector3<f64>>) -> Self {
+    /// Lay out what a camera sees, about `axis` (in base), without the columns of `without` (pixels at full size): people do not stay, and seem to go
+    /// with a camera that follows them.
+    pub fn new(view: &EyeView, axis: &Unit<Vector3<f64>>, without: &[PixelBox]) -> Self {
         let picture = view.pyramid.level(level(view));
-        Self::of(picture, view.camera, &view.base_from_cam, axis)
+        Self::of(picture, view.camera, &view.base_from_cam, axis, without)
+    }
+
+    /// The angle between two columns, rad: a picture has 91 to its width.
+    pub fn step_rad(&self) -> f64 {
+        self.step_rad
     }
 
     /// `picture` is the camera's, smaller by any factor.
@@ -133,9 +143,10 @@ impl Panorama {
         camera: &Camera,
         base_from_cam: &Isometry3<f64>,
         axis: &Unit<Vector3<f64>>,
+        without: &[PixelBox],
     ) -> Self {
         let k = &camera.intrinsics;
-        let step_rad = k.width as f64 / k.fx / ACROSS;
+        let step_rad = step_rad(camera);
         let upright = upright(axis);
         let towards = |x: f64, y: f64| {
             let ray = camera.ray(&Point2::new(x, y))?;
@@ -166,17 +177,29 @@ impl Panorama {
         let first = least.map(|rad| (rad / step_rad).floor() as i32);
         let count = |i: usize| ((most[i] / step_rad).ceil() as i32 - first[i]).max(0) as usize + 1;
         let mut panorama = Self {
+            axis: *axis,
             step_rad,
             first,
             cols: count(0),
             rows: count(1),
             samples: Vec::new(),
         };
-        panorama.fill(picture, camera, &(upright * base_from_cam.rotation));
+        panorama.fill(
+            picture,
+            camera,
+            &(upright * base_from_cam.rotation),
+            without,
+        );
         panorama
     }
 
-    fn fill(&mut self, picture: &Gray, camera: &Camera, upright_from_cam: &UnitQuaternion<f64>) {
+    fn fill(
+        &mut self,
+        picture: &Gray,
+        camera: &Camera,
+        upright_from_cam: &UnitQuaternion<f64>,
+        without: &[PixelBox],
+    ) {
         let cam_from_upright = upright_from_cam.inverse();
         let scale = picture.width() as f64 / camera.intrinsics.width as f64;
         // Where the camera sees the nodes of a mesh, in pixels of the picture.
@@ -200,6 +223,10 @@ impl Panorama {
         self.samples = vec![f32::NAN; self.cols * self.rows];
         let (mut u, mut v) = (vec![0.0; self.cols], vec![0.0; self.cols]);
         let (last_x, last_y) = ((picture.width() - 1) as f32, (picture.height() - 1) as f32);
+        let column = |x: f64| ((x + 0.5) * scale - 0.5) as f32;
+        let left_out: Vec<_> = (without.iter())
+            .map(|b| column(b.x)..=column(b.x + b.w))
+            .collect();
         for (row, out) in self.samples.chunks_mut(self.cols).enumerate() {
             let (j, below) = (row / MESH, (row % MESH) as f32 / MESH as f32);
             let edge = |i: usize| -> [f32; 2] {
@@ -216,7 +243,8 @@ impl Panorama {
             }
             bilinear_row(picture, &u, &v, out);
             for ((out, u), v) in out.iter_mut().zip(&u).zip(&v) {
-                if !((0.0..=last_x).contains(u) && (0.0..=last_y).contains(v)) {
+                let is_inside = (0.0..=last_x).contains(u) && (0.0..=last_y).contains(v);
+                if !is_inside || left_out.iter().any(|columns| columns.contains(u)) {
                     *out = f32::NAN;
                 }
             }
@@ -271,23 +299,20 @@ impl Panorama {
 }
 
 impl Keyframe {
-    /// Remember a picture; what lies in the columns of `without` (pixels at full size) is not compared: people do not stay.
-    pub fn new(view: &EyeView, without: Option<&PixelBox>) -> Self {
+    /// Remember a picture without the columns of `without` (pixels at full size).
+    pub fn new(view: &EyeView, without: &[PixelBox]) -> Self {
         let k = &view.camera.intrinsics;
         let place = |i: usize, of: usize, size: usize| {
             let share = MARGIN + (1.0 - 2.0 * MARGIN) * i as f64 / (of - 1) as f64;
             share * size as f64 - 0.5
         };
-        let half = SIZE[0] as f64 / ACROSS / 2.0 * k.width as f64;
-        let is_left_out = |x: f64| without.is_some_and(|b| x + half > b.x && x - half < b.x + b.w);
-        let panorama = Panorama::new(view, &Vector3::y_axis());
+        let panorama = Panorama::new(view, &Vector3::y_axis(), without);
         let places = (0..PATCHES[1]).flat_map(|j| (0..PATCHES[0]).map(move |i| (i, j)));
         let (rays, patches) = places
             .map(|(i, j)| {
                 let across = place(i, PATCHES[0], k.width);
                 Point2::new(across, place(j, PATCHES[1], k.height))
             })
-            .filter(|pixel| !is_left_out(pixel.x))
             .filter_map(|pixel| {
                 let ray = view.ray(&pixel)?;
                 Some((ray, panorama.patch(azimuth_elevation(&ray))?))
@@ -307,54 +332,60 @@ impl Keyframe {
         self.rays.len() as u32
     }
 
-    fn patches(&self, axis: &Unit<Vector3<f64>>) -> Cow<'_, [Patch]> {
+    /// What is compared with `seen`: nothing when that is another camera's.
+    fn patches(&self, seen: &Panorama) -> Cow<'_, [Patch]> {
+        let axis = &seen.axis;
+        if seen.step_rad != step_rad(&self.camera) {
+            return Cow::Borrowed(&[]);
+        }
         if *axis == Vector3::y_axis() {
             return Cow::Borrowed(&self.patches);
         }
-        let panorama = Panorama::of(&self.picture, &self.camera, &self.base_from_cam, axis);
+        let (picture, pose) = (&self.picture, &self.base_from_cam);
+        let panorama = Panorama::of(picture, &self.camera, pose, axis, &[]);
         let upright = upright(axis);
         let patch = |ray| panorama.patch(azimuth_elevation(&(upright * ray)));
         Cow::Owned(self.rays.iter().filter_map(patch).collect())
     }
 
-    /// How many patches are seen about where they should be, and beside that by how much, about `axis`, about which `seen` is laid out.
-    pub fn placed(&self, seen: &Panorama, axis: &Unit<Vector3<f64>>) -> Placed {
-        let mut agreement = Agreement::default();
+    /// How many patches `seen` shows about where they should be, [`NEAR`] columns to each side of it, and beside that by how much, about its axis. Those that are
+    /// not where the others are do not count.
+    pub fn placed(&self, seen: &Panorama) -> Placed {
+        let mut visible = 0;
         let mut beside = Vec::new();
-        for patch in self.patches(axis).iter() {
+        for patch in self.patches(seen).iter() {
             let scores: Vec<f64> = (-NEAR..=NEAR)
                 .map(|shift| seen.correlation(patch, shift))
                 .map(|score| score.map_or(f64::NEG_INFINITY, f64::from))
                 .collect();
-            let Some((at, best)) = best_of(&scores) else {
+            let Some((at, best)) = best_of(&scores).filter(|_| scores[NEAR as usize].is_finite())
+            else {
                 continue;
             };
-            agreement.visible += 1;
-            if best >= f64::from(FOUND) {
-                agreement.found += 1;
+            visible += 1;
+            // At the end of the search a patch is on its way to somewhere else.
+            let is_within = at > 0.0 && at < f64::from(2 * NEAR);
+            if is_within && best >= f64::from(FOUND) {
                 beside.push((at - f64::from(NEAR)) * seen.step_rad);
             }
         }
         beside.sort_by(f64::total_cmp);
+        let by_rad = beside.get(beside.len() / 2).copied().unwrap_or(0.0);
+        beside.retain(|rad| (rad - by_rad).abs() <= ALIKE * seen.step_rad);
+        let found = beside.len() as u32;
         Placed {
-            by_rad: beside.get(beside.len() / 2).copied().unwrap_or(0.0),
-            agreement,
+            by_rad,
+            agreement: Agreement { visible, found },
         }
     }
 
-    /// The one turn about `axis`, about which `seen` is laid out, between `from_rad` and `to_rad` by which most patches lie beside where they should be.
-    /// `None` where none was found.
-    pub fn turned(
-        &self,
-        seen: &Panorama,
-        axis: &Unit<Vector3<f64>>,
-        [from_rad, to_rad]: [f64; 2],
-    ) -> Option<Turned> {
+    /// The one turn about the axis of `seen` between `from_rad` and `to_rad` by which most patches lie beside where they should be. `None` where none was found.
+    pub fn turned(&self, seen: &Panorama, [from_rad, to_rad]: [f64; 2]) -> Option<Turned> {
         let from = (from_rad / seen.step_rad).floor() as i32;
         let count = ((to_rad - from_rad) / seen.step_rad).ceil().max(0.0) as usize + 1;
         let mut agreements = vec![Agreement::default(); count];
         let mut scores = vec![None; count];
-        for patch in self.patches(axis).iter() {
+        for patch in self.patches(seen).iter() {
             for (n, score) in scores.iter_mut().enumerate() {
                 *score = seen.correlation(patch, from + n as i32);
             }
@@ -386,6 +417,10 @@ impl Keyframe {
             elsewhere: aside.max().unwrap_or(0),
         })
     }
+}
+
+fn step_rad(camera: &Camera) -> f64 {
+    camera.intrinsics.width as f64 / camera.intrinsics.fx / ACROSS
 }
 
 /// The level of a pyramid whose pixels are about as far apart as the columns of a panorama.

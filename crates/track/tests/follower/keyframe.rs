@@ -8,7 +8,7 @@ use vergence_imaging::Gray;
 use vergence_imaging::files::read_gray;
 use vergence_imaging::pyramid::Pyramid;
 use vergence_scene::{PathSpec, World, WorldConfig};
-use vergence_track::{EyeView, Keyframe, Panorama, Turned};
+use vergence_track::{EyeView, Keyframe, Panorama, PixelBox, Turned};
 
 use crate::infinity::{HEAD, Seen, data, seen_in};
 
@@ -51,8 +51,8 @@ fn turned(
     range_deg: [f64; 2],
 ) -> Option<Turned> {
     let axis = Unit::new_normalize(axis);
-    let seen = Panorama::new(view, &axis);
-    keyframe.turned(&seen, &axis, range_deg.map(f64::to_radians))
+    let seen = Panorama::new(view, &axis, &[]);
+    keyframe.turned(&seen, range_deg.map(f64::to_radians))
 }
 
 /// Whether it was found; if so, then beside by this angle.
@@ -77,13 +77,13 @@ fn what_was_seen_is_found_again() {
             let truly = head(pan + right, tilt + up);
             let after = seen_in(&world, 1, truly, 5.0);
             for eye in Eye::BOTH {
-                let keyframe = Keyframe::new(&view(&before, eye, &angles), None);
+                let keyframe = Keyframe::new(&view(&before, eye, &angles), &[]);
                 let case = format!("{eye:?} at {pan}, {tilt}, then {right}, {up} further");
                 let axis = Vector3::y_axis();
-                let panorama = Panorama::new(&view(&after, eye, &truly), &axis);
-                let placed = keyframe.placed(&panorama, &axis);
-                let is_there = placed.agreement.is_at_least(4, 0.35);
-                there += u32::from(is_there && placed.by_rad.abs() < 0.35_f64.to_radians());
+                let panorama = Panorama::new(&view(&after, eye, &truly), &axis, &[]);
+                let placed = keyframe.placed(&panorama);
+                let is_there = placed.agreement.is_at_least(4, 0.25);
+                there += u32::from(is_there && placed.by_rad.abs() < 0.1_f64.to_radians());
                 for wrong in [-90.0, -8.0, 2.0, 30.0] {
                     let view = view(&after, eye, &head(pan + right + wrong, tilt + up));
                     let middle = right + wrong;
@@ -106,37 +106,72 @@ fn what_was_seen_is_found_again() {
         [4 * all, 2 * all]
     );
     assert_eq!(all, 32);
-    assert!(there >= 30, "{there}");
+    assert_eq!(there, all);
     assert!(found[0] >= 110 && found[1] >= 55, "{found:?}");
 }
 
-/// One eye that is believed turned is found to be, about the axis on which it turns, by a little as by much.
+/// One eye that is believed turned is found to be, by a little as by much, also of a head that looks up: about the vertical its turn is larger by the
+/// cosine of the tilt.
 #[test]
 fn one_eye_that_turned_is_found() {
     let world = world();
-    let angles = head(-20.0, 3.0);
-    let before = seen_in(&world, 1, angles, 3.0);
-    let after = seen_in(&world, 1, angles, 5.0);
-    let keyframe = Keyframe::new(&view(&before, Eye::Left, &angles), None);
-    for wrong_deg in [-7.0_f64, -1.0, -0.5, 0.0, 0.7, 1.2, 4.0] {
-        let believed = HeadAngles {
-            left: wrong_deg.to_radians(),
-            ..angles
-        };
-        let upright = HEAD.base_from_head(&believed) * Vector3::y_axis();
-        let view = view(&after, Eye::Left, &believed);
-        let found = turned(&keyframe, &view, *upright, [-20.0, 20.0]);
-        assert!(is_by(found, wrong_deg, "left"), "{wrong_deg}: {found:?}");
-        if wrong_deg.abs() < 1.3 {
-            let placed = keyframe.placed(&Panorama::new(&view, &upright), &upright);
-            let off_deg = placed.by_rad.to_degrees() - wrong_deg;
-            let found = placed.agreement.is_at_least(6, FOUND.1);
-            assert!(found && off_deg.abs() < 0.1, "{wrong_deg}: {placed:?}");
+    for tilt in [3.0, 12.0_f64] {
+        let angles = head(-20.0, tilt);
+        let before = seen_in(&world, 1, angles, 3.0);
+        let after = seen_in(&world, 1, angles, 5.0);
+        let keyframe = Keyframe::new(&view(&before, Eye::Left, &angles), &[]);
+        for wrong_deg in [-7.0_f64, -1.0, -0.5, 0.0, 0.7, 1.2, 4.0] {
+            let believed = HeadAngles {
+                left: wrong_deg.to_radians(),
+                ..angles
+            };
+            let upright = HEAD.base_from_head(&believed) * Vector3::y_axis();
+            let view = view(&after, Eye::Left, &believed);
+            let found = turned(&keyframe, &view, *upright, [-20.0, 20.0]);
+            assert!(is_by(found, wrong_deg, "left"), "{wrong_deg}: {found:?}");
+            if wrong_deg.abs() < 1.3 {
+                let seen = Panorama::new(&view, &Vector3::y_axis(), &[]);
+                let placed = keyframe.placed(&seen);
+                let by_deg = placed.by_rad.to_degrees() * tilt.to_radians().cos();
+                let found = placed.agreement.is_at_least(6, FOUND.1);
+                assert!(
+                    found && (by_deg - wrong_deg).abs() < 0.1,
+                    "{tilt}, {wrong_deg}: {placed:?}"
+                );
+            }
         }
     }
 }
 
-/// The other side of the room is no turned view of this one, and pictures without anything in them have no patches.
+/// What is left out is neither remembered nor found.
+#[test]
+fn what_is_left_out_is_not_compared() {
+    let angles = head(-20.0, 3.0);
+    let seen = seen_in(&world(), 1, angles, 3.0);
+    let view = view(&seen, Eye::Left, &angles);
+    let width = seen.camera.intrinsics.width as f64;
+    let columns = |from: f64, to: f64| PixelBox {
+        x: from * width,
+        y: 0.0,
+        w: (to - from) * width,
+        h: 1.0,
+    };
+    let panorama = |without: &[PixelBox]| Panorama::new(&view, &Vector3::y_axis(), without);
+    let whole = Keyframe::new(&view, &[]);
+    let half = Keyframe::new(&view, &[columns(0.0, 0.5)]);
+    let visible = |keyframe: &Keyframe, without: PixelBox| {
+        let agreement = keyframe.placed(&panorama(&[without])).agreement;
+        assert_eq!(agreement.found, agreement.visible);
+        agreement.visible
+    };
+    assert!(whole.count() >= 20 && half.count() == visible(&whole, columns(0.0, 0.5)));
+    assert!(2 * half.count() <= whole.count() && half.count() > 0);
+    assert_eq!(visible(&half, columns(0.5, 1.0)), 0);
+    assert_eq!(Keyframe::new(&view, &[columns(0.0, 1.0)]).count(), 0);
+}
+
+/// The other side of the room is no turned view of this one, and pictures without anything in them have no patches. Half of these views lie before
+/// walls whose pattern repeats, which are not clear to be the same either.
 #[test]
 fn what_was_never_seen_is_found_nowhere() {
     let world = world();
@@ -148,7 +183,7 @@ fn what_was_never_seen_is_found_nowhere() {
     for (here, (angles, at_first)) in seen.iter().enumerate() {
         for (there, (_, later)) in seen.iter().enumerate() {
             for eye in Eye::BOTH {
-                let keyframe = Keyframe::new(&view(at_first, eye, angles), None);
+                let keyframe = Keyframe::new(&view(at_first, eye, angles), &[]);
                 let believed = view(later, eye, angles);
                 let found = turned(&keyframe, &believed, Vector3::y(), [-16.0, 16.0]);
                 let is_found = is_by(found, 0.0, &format!("{here}, {there}, {eye:?}"));
@@ -164,7 +199,7 @@ fn what_was_never_seen_is_found_nowhere() {
     let (angles, seen) = &mut seen[0];
     let k = seen.camera.intrinsics;
     seen.pyramids = [(); 2].map(|()| Pyramid::new(&Gray::filled(k.width, k.height, 128), 5));
-    let nothing = Keyframe::new(&view(seen, Eye::Left, angles), None);
+    let nothing = Keyframe::new(&view(seen, Eye::Left, angles), &[]);
     assert_eq!(nothing.count(), 0);
     let found = turned(
         &nothing,
@@ -225,15 +260,15 @@ fn real_pictures_are_found_again() {
                 base_from_cam,
             };
             (
-                Keyframe::new(&view, None),
-                Panorama::new(&view, &Vector3::y_axis()),
+                Keyframe::new(&view, &[]),
+                Panorama::new(&view, &Vector3::y_axis(), &[]),
             )
         };
         let (keyframe, _) = seen(&first, 0.0);
         for wrong in [0.0, -12.0, 5.0] {
             let (_, panorama) = seen(&second, wrong);
             let range = [-16.0_f64, 16.0].map(|deg| (deg + wrong).to_radians());
-            let found = keyframe.turned(&panorama, &Vector3::y_axis(), range);
+            let found = keyframe.turned(&panorama, range);
             let case = path.display().to_string();
             assert!(is_by(found, wrong, &case), "{case}, {wrong}: {found:?}");
         }
