@@ -205,6 +205,7 @@ impl Bearings {
             // Views that contradict each other say nothing, and the one that says that something is wrong is forgotten if it goes on.
             (Some(_), Some((at, _))) => {
                 self.kept[at].misses += 1;
+                self.kept.retain(|kept| kept.misses < MISSES);
                 return None;
             }
             (None, Some((at, bearing))) => return self.believed_or_forgotten(at, bearing, look),
@@ -587,3 +588,6 @@ impl<'a> Sight<'a> {
         across.max(down)
     }
 }
+
+#[cfg(test)]
+mod tests;

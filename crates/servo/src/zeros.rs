@@ -96,7 +96,7 @@ impl LostZero {
                         "homing did not mend it: the room is learned anew; see whether the rig or a camera was turned by hand, or the switch has moved"
                     }
                     false => {
-                        "its motor has missed steps: home the rig (or the rig was turned by hand)"
+                        "its motor has missed steps: home the rig (or something was turned by hand)"
                     }
                 };
                 format!(
@@ -240,28 +240,27 @@ impl Zeros {
                 self.room.right();
                 None
             }
-            Bearing::Beside(axis, by_rad) => {
-                if !self
-                    .beside
-                    .is_some_and(|before| is_same(before, (axis, by_rad)))
-                {
-                    self.room.bad = 0;
-                }
-                self.beside = Some((axis, by_rad));
-                let again = self.room.wrong(look.time_s)?;
-                let again = again && self.told_axis == Some(axis);
-                self.told_axis = Some(axis);
-                if again {
-                    self.bearings.forget();
-                }
-                Some(LostZero {
-                    wrong: Wrong::Axis(axis),
-                    by_rad: by_rad.abs(),
-                    again,
-                    was_right: true,
-                })
-            }
+            Bearing::Beside(axis, by_rad) => self.lies_beside(look.time_s, axis, by_rad),
         }
+    }
+
+    fn lies_beside(&mut self, time_s: f64, axis: AxisName, by_rad: f64) -> Option<LostZero> {
+        let before = self.beside.replace((axis, by_rad));
+        if !before.is_some_and(|before| is_same(before, (axis, by_rad))) {
+            self.room.bad = 0;
+        }
+        let again = self.room.wrong(time_s)?;
+        let again = again && self.told_axis == Some(axis);
+        self.told_axis = Some(axis);
+        if again {
+            self.bearings.forget();
+        }
+        Some(LostZero {
+            wrong: Wrong::Axis(axis),
+            by_rad: by_rad.abs(),
+            again,
+            was_right: true,
+        })
     }
 
     /// The axes are about to be homed: what was seen before counts no more.
@@ -385,5 +384,37 @@ mod tests {
         assert!(told(&mut zeros, &[sight(10, 5); 15]).is_empty());
         assert!(told(&mut zeros, &GOOD).is_empty());
         assert_eq!(told_from(&mut zeros, 10.0, &[sight(10, 5); 17]).len(), 1);
+    }
+
+    /// Looks around make a finding when three of them, half a second apart, find the same axis off to the same side, an eye by the same angle.
+    #[test]
+    fn looks_around_must_agree() {
+        let pan = |by_deg: f64| (AxisName::Pan, by_deg.to_radians());
+        let left = |by_deg: f64| (AxisName::LeftVergence, by_deg.to_radians());
+        assert!(is_same(pan(3.0), pan(20.0)) && is_same(left(1.0), left(1.2)));
+        assert!(!is_same(pan(3.0), pan(-3.0)) && !is_same(left(1.0), left(1.5)));
+        assert!(!is_same(pan(3.0), (AxisName::Tilt, pan(3.0).1)));
+        let told = |looks: &[(f64, (AxisName, f64))]| {
+            let mut zeros = Zeros::new(&WatchSettings {
+                every_s: 1.0,
+                correct: false,
+            });
+            let found = looks
+                .iter()
+                .filter_map(|(time_s, (axis, by))| zeros.lies_beside(*time_s, *axis, *by));
+            found.map(|lost| lost.wrong).collect::<Vec<_>>()
+        };
+        let one = pan(3.0);
+        assert_eq!(
+            told(&[(0.0, one), (0.3, one), (0.6, one)]),
+            [Wrong::Axis(one.0)]
+        );
+        assert_eq!(told(&[(0.0, one), (0.1, one), (0.2, one)]), []);
+        assert_eq!(told(&[(0.0, one), (0.3, pan(-3.0)), (0.6, one)]), []);
+        assert_eq!(told(&[(0.0, one), (2.3, one), (4.6, one), (6.9, one)]), []);
+        assert_eq!(
+            told(&[(0.0, left(1.0)), (0.3, left(2.0)), (0.6, left(1.0))]),
+            []
+        );
     }
 }
