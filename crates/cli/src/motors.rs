@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use vergence_control::grbl::{GrblAxis, GrblConfig, GrblDrive, GrblHoming, SerialPort};
+use vergence_control::grbl::{GrblAxis, GrblConfig, GrblDrive, GrblFocus, GrblHoming, SerialPort};
 use vergence_control::linuxcnc::PORT;
 use vergence_control::{
     AxisCommand, AxisError, AxisLimits, AxisName, AxisReading, AxisState, BoxedDrive, Drive,
@@ -149,8 +149,7 @@ fn grbl_config(settings: &Settings, port: &str) -> GrblConfig {
         tilt: axis("tilt"),
         left: axis("left"),
         right: axis("right"),
-        // No command turns a focus yet.
-        focus: None,
+        focus: grbl_focus(settings),
         homing: match settings.word("motors.grbl.homing") {
             "by_hand" => GrblHoming::ByHand,
             _ => GrblHoming::Switches,
@@ -162,6 +161,19 @@ fn grbl_config(settings: &Settings, port: &str) -> GrblConfig {
         ahead_s: number("ahead"),
         homing_s: number("homing_time"),
     }
+}
+
+/// What the settings say of a focus motor; `None` where they name no axis for it.
+fn grbl_focus(settings: &Settings) -> Option<GrblFocus> {
+    let key = |key: &str| format!("motors.grbl.focus.{key}");
+    let letter = settings.word(&key("letter")).chars().next();
+    Some(GrblFocus {
+        letter: letter.filter(char::is_ascii_uppercase)?,
+        from_units: settings.number(&key("from")),
+        to_units: settings.number(&key("to")),
+        from_m: (settings.number_or_auto(&key("from_distance"))).unwrap_or(f64::INFINITY),
+        to_m: settings.number(&key("to_distance")),
+    })
 }
 
 /// The word for an axis on the command line.

@@ -110,6 +110,10 @@ pub trait Drive: Send {
     /// Give all four axes their commands. Every axis answers for itself; a drive that moves its axes together stops all of them when one refuses.
     fn command(&mut self, commands: &[AxisCommand; 4], now_s: f64) -> [Result<(), AxisError>; 4];
 
+    /// Let the lenses be focused on this distance from the head, m, where there is a motor for it; elsewhere nothing happens. It goes there as fast as it
+    /// may, and stays like the other axes when they are held.
+    fn focus(&mut self, _distance_m: f64, _now_s: f64) {}
+
     /// Slow all axes down within their limits and stay; ends homing, too. No state refuses it: whatever can be sent is sent. An error says
     /// that nothing could be, for want of a line; a controller that hears nothing stops its axes by itself.
     fn hold(&mut self, now_s: f64) -> [Result<(), AxisError>; 4];

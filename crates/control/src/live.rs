@@ -307,6 +307,14 @@ impl Drive for LiveDrive {
         results.map(|r| r.map_err(|e| shifted(e, zero_s)))
     }
 
+    fn focus(&mut self, distance_m: f64, _now_s: f64) {
+        let mut inner = self.shared.lock();
+        if inner.broken_s.is_none() {
+            let now_s = self.shared.elapsed_s();
+            inner.drive.focus(distance_m, now_s);
+        }
+    }
+
     fn hold(&mut self, _now_s: f64) -> [Result<(), AxisError>; 4] {
         let mut inner = self.shared.lock();
         if inner.broken_s.is_some() {

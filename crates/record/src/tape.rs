@@ -82,6 +82,10 @@ impl Drive for TapedDrive {
         self.drive.command(commands, now_s)
     }
 
+    fn focus(&mut self, distance_m: f64, now_s: f64) {
+        self.drive.focus(distance_m, now_s);
+    }
+
     fn hold(&mut self, now_s: f64) -> [Result<(), AxisError>; 4] {
         self.drive.hold(now_s)
     }

@@ -230,6 +230,10 @@ impl Motors {
             let _ = self.hold(now_s);
             return Err(error);
         }
+        let moves = output.commands.iter().any(|c| *c != AxisCommand::Hold);
+        if moves && let Some(distance_m) = output.focus_m {
+            self.drive.focus(distance_m, now_s);
+        }
         Ok(output)
     }
 

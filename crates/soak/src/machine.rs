@@ -136,6 +136,10 @@ impl Drive for Handle {
         locked(&self.drive).command(commands, now_s)
     }
 
+    fn focus(&mut self, distance_m: f64, now_s: f64) {
+        locked(&self.drive).focus(distance_m, now_s);
+    }
+
     fn hold(&mut self, now_s: f64) -> [Result<(), AxisError>; 4] {
         if self.bug == Some(Bug::HoldIgnored) {
             return [Ok(()); 4];

@@ -82,6 +82,7 @@ pub(crate) const SECTIONS: &[(&str, &str)] = &[
     ("motors.grbl.tilt", "The controller's axis that turns tilt."),
     ("motors.grbl.left", "The controller's axis that turns the left camera."),
     ("motors.grbl.right", "The controller's axis that turns the right camera."),
+    ("motors.grbl.focus", "The controller's axis that turns the focus of both lenses, if any."),
     ("run", "What `vergence run` does."),
     ("record", "What `vergence run` records in recording.mcap."),
     ("run.knock", "Something that hits the simulated right camera in mid-run; the loop is not told."),
@@ -215,6 +216,15 @@ const GRBL_LEFT: &[Key] = grbl_axis!("motors.grbl.left", "Z");
 const GRBL_RIGHT: &[Key] = grbl_axis!("motors.grbl.right", "A");
 
 #[rustfmt::skip]
+const GRBL_FOCUS: &[Key] = &[
+    other("motors.grbl.focus", "letter", Choice(&["none", "X", "Y", "Z", "A", "B", "C"]), "none", Any, "The controller's axis that turns the focus of both lenses; none: they are focused by hand."),
+    quantity("motors.grbl.focus", "from", Number, "0", Any, "Machine position at one end of its way, units."),
+    quantity("motors.grbl.focus", "to", Number, "-90", Any, "Machine position at the other end, units."),
+    other("motors.grbl.focus", "from_distance", QuantityOrAuto(Length), "auto", Positive, "What is in focus at `from`. auto: infinity."),
+    quantity("motors.grbl.focus", "to_distance", Length, "1 m", Positive, "What is in focus at `to`; between the two it goes evenly in the inverse of the distance."),
+];
+
+#[rustfmt::skip]
 const RIG: &[Key] = &[
     quantity("rig", "interaxial", Length, "70 mm", Positive, "Distance of the two vergence pivots, the base t of the cameras."),
     quantity("rig", "pupil", Length, "0 mm", FromZero, "How far the lens centre lies in front of its pivot, on the optical axis."),
@@ -302,7 +312,7 @@ const KNOCK: &[Key] = &[
 pub(crate) fn all() -> impl Iterator<Item = &'static Key> {
     [
         RIG, CAMERA, SCREEN, PLAN, MOTORS, PAN, TILT, VERGENCE, HOME, GRBL, GRBL_PAN, GRBL_TILT,
-        GRBL_LEFT, GRBL_RIGHT, RUN, RECORD, KNOCK,
+        GRBL_LEFT, GRBL_RIGHT, GRBL_FOCUS, RUN, RECORD, KNOCK,
     ]
     .into_iter()
     .flatten()

@@ -61,6 +61,19 @@ pub struct GrblFocus {
     pub from_units: f64,
     /// Machine position at the other end, units.
     pub to_units: f64,
+    /// What is in focus at one end, m; > 0, infinity as well.
+    pub from_m: f64,
+    /// What is in focus at the other end, m; > 0, infinity as well.
+    pub to_m: f64,
+}
+
+impl GrblFocus {
+    /// Which part of the way, 0 to 1, focuses on a distance, m. A lens that moves as a whole moves by `f² / d` from where it is focused on infinity (thin lens,
+    /// `d` large against `f`): evenly in the inverse of the distance, which is an approximation for lenses that focus within.
+    pub fn part(&self, distance_m: f64) -> f64 {
+        let [from, to, at] = [self.from_m, self.to_m, distance_m].map(f64::recip);
+        ((at - from) / (to - from)).clamp(0.0, 1.0)
+    }
 }
 
 /// Settings of a Grbl controller.
@@ -169,6 +182,12 @@ impl GrblConfig {
         {
             let value = format!("{} to {}", f.from_units, f.to_units);
             return wrong("focus", value, "two different machine positions");
+        }
+        if let Some(f) = self.focus
+            && !(f.from_m > 0.0 && f.to_m > 0.0 && f.from_m != f.to_m)
+        {
+            let value = format!("{} m to {} m", f.from_m, f.to_m);
+            return wrong("focus", value, "two different distances greater than 0");
         }
         let times = [
             ("silence_s", self.silence_s, 0.1, 10.0, "0.1 to 10 s"),

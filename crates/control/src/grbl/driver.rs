@@ -24,7 +24,7 @@ use crate::drive::{Drive, DriveEvent, DriveEventKind, DriveEvents, Link};
 use crate::error::ControlError;
 use crate::grbl::config::GrblConfig;
 use crate::grbl::connect::Ask;
-use crate::grbl::facts::{Fit, GrblFacts, Values};
+use crate::grbl::facts::{FOCUS, Fit, GrblFacts, Values};
 use crate::grbl::flow::FlowControl;
 use crate::grbl::lines::LineReader;
 use crate::grbl::port::Port;
@@ -39,6 +39,9 @@ pub(crate) const RX_BUFFER: usize = 128;
 const UNHEARD_S: f64 = 0.1;
 /// Between two looks at the port at most, s: what is asked of whoever calls.
 const LOOK_MOST_S: f64 = 0.02;
+
+/// The focus is not moved for less than this part of its way.
+const FOCUS_PART: f64 = 0.003;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Phase {
@@ -119,6 +122,8 @@ pub struct GrblDrive {
     pub(crate) misfits: u32,
     pub(crate) fit: Option<Fit>,
     pub(crate) pursuit: Option<Pursuit>,
+    /// Where the focus was sent last, a part of its way; nothing since it was stopped.
+    focused: Option<f64>,
     pub(crate) track: Track,
     pub(crate) offset: Option<[f64; AXES_MAX]>,
     /// Status requests that were not answered yet, oldest first.
@@ -175,6 +180,7 @@ impl GrblDrive {
             misfits: 0,
             fit: None,
             pursuit: None,
+            focused: None,
             track: Track::default(),
             offset: None,
             asks: VecDeque::new(),
@@ -230,12 +236,14 @@ impl GrblDrive {
         }
     }
 
-    /// Turn the focus to a part of its way, 0 to 1; refused (`false`) without a focus axis or homing, or when it is no number.
-    pub fn focus(&mut self, part: f64) -> bool {
-        let at = self.fit.as_ref().and_then(|f| f.axes.get(4));
+    /// Turn the focus to a part of its way, 0 to 1; refused (`false`) without a focus axis or homing, at fault, or when it is no number.
+    pub fn turn_focus(&mut self, part: f64) -> bool {
+        let at_fault = self.states().contains(&AxisState::Fault);
+        let at = self.fit.as_ref().and_then(|f| f.axes.get(FOCUS));
         match (at, &mut self.pursuit) {
-            (Some(axis), Some(pursuit)) if self.homed && part.is_finite() => {
-                pursuit.wish(4, Wish::Go(axis.units(part.clamp(0.0, 1.0))));
+            (Some(axis), Some(pursuit)) if self.homed && !at_fault && part.is_finite() => {
+                pursuit.wish(FOCUS, Wish::Go(axis.units(part.clamp(0.0, 1.0))));
+                self.focused = Some(part);
                 true
             }
             _ => false,
@@ -248,6 +256,7 @@ impl GrblDrive {
 
     /// Stop the jog and forget what is wished; whatever can be sent is sent.
     pub(crate) fn stop(&mut self) {
+        self.focused = None;
         if let Some(pursuit) = &mut self.pursuit {
             pursuit.rest();
         }
@@ -414,6 +423,20 @@ impl Drive for GrblDrive {
             self.flush();
         }
         results
+    }
+
+    fn focus(&mut self, distance_m: f64, _now_s: f64) {
+        let Some(focus) = self.config.focus else {
+            return;
+        };
+        let part = focus.part(distance_m);
+        // What would not be seen is not worth the noise of a motor.
+        if self
+            .focused
+            .is_none_or(|focused| (part - focused).abs() >= FOCUS_PART)
+        {
+            self.turn_focus(part);
+        }
     }
 
     fn hold(&mut self, now_s: f64) -> [Result<(), AxisError>; 4] {

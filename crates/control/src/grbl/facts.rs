@@ -6,6 +6,8 @@ use crate::grbl::protocol::{AXES_MAX, AXIS_LETTERS, BuildOptions};
 use crate::head::HeadConfig;
 use crate::stepper::AxisConfig;
 
+/// Which of the axes that the driver can turn is the focus.
+pub(crate) const FOCUS: usize = 4;
 /// Axes that the driver can turn: four of the head and the focus.
 pub(crate) const DRIVEN: usize = 5;
 

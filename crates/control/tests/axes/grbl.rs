@@ -253,6 +253,8 @@ fn other_controllers() {
             letter: 'X',
             from_units: -20.0,
             to_units: -5.0,
+            from_m: f64::INFINITY,
+            to_m: 1.0,
         }),
         homing: GrblHoming::ByHand,
         ..GrblConfig::default()
@@ -264,7 +266,8 @@ fn other_controllers() {
         "{:?}",
         rig.drive.link()
     );
-    assert!(!rig.drive.focus(0.5), "not homed");
+    assert!(!rig.drive.turn_focus(0.5), "not homed");
+    rig.drive.focus(2.0, rig.now_s);
     rig.drive.home(rig.now_s).unwrap();
     assert_eq!(rig.drive.states(), [AxisState::Held; 4]);
     let slow = |t: f64| {
@@ -276,7 +279,7 @@ fn other_controllers() {
         ]
     };
     rig.run(3.0, Some(&slow));
-    assert!(rig.drive.focus(0.5));
+    assert!(rig.drive.turn_focus(0.5));
     rig.run(3.0, Some(&slow));
     let counters = rig.grbl.lock().counters(rig.now_s);
     let meant = slow(rig.now_s);
@@ -295,6 +298,25 @@ fn other_controllers() {
         "{reading:?} {meant:?}"
     );
     assert!((reading.velocity_rad_s - 0.02).abs() < 2e-3, "{reading:?}");
+    // By distance: 4 m is a quarter of the way from infinity to 1 m, a centimetre more is not worth a motion, and what is nearer than 1 m is as near as it goes.
+    for (distance_m, units) in [(4.0, -16.25), (4.01, -16.25), (8.0, -18.125), (0.5, -5.0)] {
+        rig.drive.focus(distance_m, rig.now_s);
+        rig.run(3.0, Some(&slow));
+        let counter = rig.grbl.lock().counters(rig.now_s)[0];
+        assert!((counter - units).abs() < 0.02, "{distance_m}: {counter}");
+    }
+    // Held with the others, on its way.
+    rig.drive.focus(10.0, rig.now_s);
+    rig.run(0.1, Some(&slow));
+    rig.drive.hold(rig.now_s);
+    rig.run(1.0, None);
+    let held = rig.grbl.lock().counters(rig.now_s)[0];
+    assert!(held < -5.05 && held > -18.0, "{held}");
+    rig.run(2.0, None);
+    assert_eq!(rig.grbl.lock().counters(rig.now_s)[0], held);
+    for distance_m in [f64::NAN, f64::INFINITY, 0.0, -1.0] {
+        rig.drive.focus(distance_m, rig.now_s);
+    }
 }
 
 /// The same seed gives the same bytes: two runs with answers that are late, lost and garbled end alike to the last bit.
