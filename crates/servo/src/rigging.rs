@@ -273,6 +273,11 @@ fn set_aside(setpoint: &mut AxisSetpoint, offset_rad: f64, limits: &AxisLimits) 
 
 #[cfg(test)]
 mod tests {
+    use std::sync::{Arc, Mutex};
+
+    use nalgebra::{Matrix6, Point3, Vector3};
+    use vergence_control::{AxisState, ControlSettings, DriveEvent, HeadConfig, Link};
+
     use super::*;
 
     /// What is set aside for a turned camera stays inside the axis's limits, and stands still there.
@@ -297,5 +302,96 @@ mod tests {
         assert_eq!(moved(0.05, 0.01), (0.05 - 0.01, 0.3, false));
         assert_eq!(moved(0.095, -0.01), (0.1, 0.0, true));
         assert_eq!(moved(-0.095, 0.01), (-0.1, 0.0, true));
+    }
+
+    /// A drive that does as it is told and remembers where it was to focus.
+    struct Focusing(Arc<Mutex<Vec<f64>>>);
+
+    impl Drive for Focusing {
+        fn name(&self) -> String {
+            "focusing".to_owned()
+        }
+
+        fn limits(&self) -> [AxisLimits; 4] {
+            HeadConfig::default().limits()
+        }
+
+        fn update(&mut self, _now_s: f64) {}
+
+        fn command(&mut self, _: &[AxisCommand; 4], _now_s: f64) -> [Result<(), AxisError>; 4] {
+            [Ok(()); 4]
+        }
+
+        fn focus(&mut self, distance_m: f64, _now_s: f64) {
+            self.0.lock().unwrap().push(distance_m);
+        }
+
+        fn hold(&mut self, _now_s: f64) -> [Result<(), AxisError>; 4] {
+            [Ok(()); 4]
+        }
+
+        fn home(&mut self, _now_s: f64) -> Result<(), AxisError> {
+            Ok(())
+        }
+
+        fn clear(&mut self, _now_s: f64) -> Result<(), AxisError> {
+            Ok(())
+        }
+
+        fn states(&self) -> [AxisState; 4] {
+            [AxisState::Ready; 4]
+        }
+
+        fn reading(&self, _axis: AxisName, at_s: f64) -> Result<AxisReading, AxisError> {
+            Ok(AxisReading {
+                time_s: at_s,
+                position_rad: 0.0,
+                velocity_rad_s: 0.0,
+            })
+        }
+
+        fn link(&self) -> Link {
+            Link::Up { heard_s: 0.0 }
+        }
+
+        fn take_events(&mut self) -> Vec<DriveEvent> {
+            Vec::new()
+        }
+    }
+
+    /// The lenses are focused on who is followed, and not while the axes may not move.
+    #[test]
+    fn the_focus_follows() {
+        let geometry = HeadGeometry {
+            interaxial_m: 0.07,
+            pupil_m: 0.0,
+        };
+        let limits = HeadConfig::default().limits();
+        let controller = Controller::new(ControlSettings::default(), geometry, limits).unwrap();
+        let told = Arc::new(Mutex::new(Vec::new()));
+        let drive = Box::new(Focusing(told.clone()));
+        let mut motors = Motors::new(geometry, drive, [0.0; 4], controller);
+        let mut follow = |permit, z_m: f64, now_s: f64| {
+            let target = TargetEstimate {
+                time_s: now_s,
+                seen_s: now_s,
+                position_in_base: Point3::new(0.0, 0.0, z_m),
+                velocity_in_base: Vector3::zeros(),
+                covariance: Matrix6::identity() * 1e-6,
+            };
+            let readings = motors.readings_at(now_s).unwrap();
+            motors.permit(permit);
+            motors.follow(Some(&target), &readings, now_s).unwrap();
+            std::mem::take(&mut *told.lock().unwrap())
+        };
+        let followed: Vec<Vec<f64>> = (1..30)
+            .map(|n| follow(Permit::Follow, 4.0, f64::from(n) / 30.0))
+            .collect();
+        let last = followed.last().unwrap();
+        assert!(
+            last.len() == 1 && (last[0] - 4.0).abs() < 0.05,
+            "{followed:?}"
+        );
+        assert_eq!(follow(Permit::Hold, 3.0, 1.0), [0.0; 0]);
     }
 }
