@@ -100,7 +100,7 @@ impl LostZero {
                     }
                 };
                 format!(
-                    "{who_sees} the room {degrees:.1} degrees beside where axis {name} says: {remedy}"
+                    "{who_sees} the room at least {degrees:.1} degrees beside where axis {name} says: {remedy}"
                 )
             }
         }
