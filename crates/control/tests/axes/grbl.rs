@@ -308,7 +308,7 @@ fn other_controllers() {
     // Held with the others, on its way.
     rig.drive.focus(10.0, rig.now_s);
     rig.run(0.1, Some(&slow));
-    rig.drive.hold(rig.now_s);
+    assert_eq!(rig.drive.hold(rig.now_s), [Ok(()); 4]);
     rig.run(1.0, None);
     let held = rig.grbl.lock().counters(rig.now_s)[0];
     assert!(held < -5.05 && held > -18.0, "{held}");
