@@ -2,7 +2,7 @@
 //!
 //! In two ways. What lies behind infinity ([`InfinityCheck`]) says that the eyes are turned towards each other further than the axes say; eyes that are turned
 //! apart from what they should be only make everything seem nearer, and are not noticed so. It is looked for while nobody is followed, and until the rig was once
-//! seen to be well. And a part of the room that was seen before lies elsewhere when an axis has lost its zero since ([`Bearings`]).
+//! seen to be well. And a part of the room that was seen before lies elsewhere when an axis has lost its zero since (`servo::bearings`).
 
 use vergence_control::AxisName;
 use vergence_geometry::HeadAngles;
