@@ -93,7 +93,7 @@ impl Agreement {
 /// Where a keyframe's patches were found about where they should be.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placed {
-    /// By this angle beside that, rad: their median; 0 when there are none.
+    /// By this angle beside that, rad: their median; 0 when there are none. Right-handed about the axis, as in [`Turned`].
     pub by_rad: f64,
     /// How many.
     pub agreement: Agreement,
@@ -102,7 +102,8 @@ pub struct Placed {
 /// Where most of a keyframe's patches were found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turned {
-    /// By this angle about the axis of the search they lie beside where they should be, rad.
+    /// By this angle about the axis of the search they lie beside where they should be, rad, right-handed: + is to the right about the base's y axis. Right to
+    /// half a column.
     pub by_rad: f64,
     /// How many.
     pub agreement: Agreement,
