@@ -468,6 +468,7 @@ impl Follower {
                 self.release();
                 return self.without_target(reason, None);
             }
+            self.undo = self.undo.take().filter(|undo| !undo.moves());
             self.lose();
         }
         let gone_s = seen.time_s - self.hidden_s;
@@ -502,9 +503,12 @@ impl Follower {
                 .match_movers(seen, expected.as_ref(), &movers)
                 .or(found);
         }
-        let boxes = movers.iter().map(|m| m.body).collect();
+        let boxes: Vec<PixelBox> = movers.iter().map(|m| m.body).collect();
         let report = match found {
-            Some(found) => self.welcome(seen, found, dt, expected.as_ref()),
+            Some(found) => {
+                let moves = boxes.iter().any(|body| body.contains(&found.anchor));
+                self.welcome(seen, found, moves, dt, expected.as_ref())
+            }
             None => self.hide(seen, reason, expected.as_ref()),
         };
         Report {
@@ -518,6 +522,7 @@ impl Follower {
         &mut self,
         seen: &Observation,
         found: Match,
+        moves: bool,
         dt: f64,
         expected: Option<&Expected>,
     ) -> Report {
@@ -529,7 +534,7 @@ impl Follower {
             return report;
         }
         self.agreeing = 0;
-        self.undo = Some(Box::new(Undo::of(self)));
+        self.undo = Some(Box::new(Undo::of(self, moves)));
         if let Some(belief) = &mut self.belief {
             belief.restart(&seen.left.lens(), &found.ray, found.distance_m, seen.time_s);
         }

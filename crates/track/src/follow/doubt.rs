@@ -40,6 +40,7 @@ const PROBATION: u32 = 3;
 #[derive(Clone, Debug)]
 pub(super) struct Undo {
     left: u32,
+    moves: bool,
     state: FollowState,
     belief: Option<Belief>,
     filter: Correlator,
@@ -52,9 +53,11 @@ pub(super) struct Undo {
 }
 
 impl Undo {
-    pub(super) fn of(follower: &Follower) -> Self {
+    /// `moves`: whether what was seen again moves by itself.
+    pub(super) fn of(follower: &Follower, moves: bool) -> Self {
         Self {
             left: PROBATION,
+            moves,
             state: follower.state,
             belief: follower.belief,
             filter: follower.filter.clone(),
@@ -71,6 +74,12 @@ impl Undo {
     pub(super) fn is_over(&mut self) -> bool {
         self.left = self.left.saturating_sub(1);
         self.left == 0
+    }
+
+    /// Whether what was seen again moves like a person: no edge or wall does that, and when it is out of sight once more it is the target
+    /// that is hidden there, not a mistake. (It is taken back only by whoever measured it where the target cannot be.)
+    pub(super) fn moves(&self) -> bool {
+        self.moves
     }
 
     pub(super) fn restore(self, follower: &mut Follower) {

@@ -323,6 +323,43 @@ fn a_nearer_wall_is_bridged() {
     assert!(refound.unwrap() - reappeared.unwrap() < 0.5);
 }
 
+/// Who moves is no mistake: seen again elsewhere after being lost, and hidden once more a moment later, the target is believed where it was
+/// seen last, not where it was lost the first time.
+#[test]
+fn who_moves_is_not_taken_back() {
+    let mut stage = Stage::new();
+    let mut follower = Follower::new(FollowSettings::default());
+    let angles = HeadAngles::default();
+    for i in 0..22 {
+        let there = Point3::new(-1.3 + 0.9 * f64::from(i) / FPS, 0.0, 5.0);
+        stage.step(&mut follower, &angles, &[person(there)]);
+    }
+    for _ in 0..24 {
+        stage.step(&mut follower, &angles, &[]);
+    }
+    assert_eq!(follower.state(), FollowState::Lost);
+    let back = |t: f64| Point3::new(1.1 - 0.8 * t, 0.0, 4.4);
+    let again = (0..15).map(|i| f64::from(i) / FPS).find(|&t| {
+        let report = stage.step(&mut follower, &angles, &[person(back(t))]);
+        report.sighting.is_some()
+    });
+    let again_s = again.expect("seen again within a second");
+    assert!(follower.on_probation());
+    let covered = Card {
+        anchor: Point3::new(0.3, 0.0, 2.5),
+        outline: Outline::Pillar(1.5),
+        seed: 1234,
+    };
+    for i in 1..=2 {
+        let there = back(again_s + f64::from(i) / FPS);
+        let report = stage.step(&mut follower, &angles, &[person(there), covered]);
+        assert_eq!(report.state, FollowState::Occluded, "{report:?}");
+        let cam_from_base = HEAD.cam_from_base(Eye::Left, &angles);
+        let chest = stage.camera.project(&(cam_from_base * there)).unwrap();
+        assert!(report.expected.unwrap().contains(&chest), "{report:?}");
+    }
+}
+
 /// A given box starts the follower on the first frame; the same input gives the same answers.
 #[test]
 fn given_box_starts_at_once_and_runs_repeat() {
