@@ -24,7 +24,7 @@ use serde::{Deserialize, Serialize};
 
 pub use self::checks::check_box;
 pub(crate) use self::checks::check_view;
-use self::doubt::{Doubt, Undo};
+use self::doubt::{Doubts, Undo};
 use self::matching::{Match, PSR_CHANCE, PSR_FAIR, torso_patch};
 use self::wander::Wander;
 use crate::appearance::Appearance;
@@ -116,7 +116,7 @@ pub struct Follower {
     wander: Wander,
     /// Set while a target that was seen again is on probation.
     undo: Option<Box<Undo>>,
-    doubt: Option<Doubt>,
+    doubts: Doubts,
 }
 
 impl Follower {
@@ -149,7 +149,7 @@ impl Follower {
             body: None,
             wander: Wander::default(),
             undo: None,
-            doubt: None,
+            doubts: Doubts::default(),
         }
     }
 
@@ -212,10 +212,9 @@ impl Follower {
         self.state = FollowState::Occluded;
         match self.undo.take() {
             Some(undo) => {
-                self.doubt = self
-                    .belief
-                    .as_ref()
-                    .map(|b| Doubt::about(b, self.last_time_s));
+                if let Some(belief) = &self.belief {
+                    self.doubts.add(belief, self.last_time_s);
+                }
                 undo.restore(self);
             }
             None => self.hidden_s = self.seen_s,
@@ -401,7 +400,7 @@ impl Follower {
         self.search.clear();
         self.wander.reset();
         self.undo = None;
-        self.doubt = None;
+        self.doubts.clear();
         let found = Match {
             anchor: mover.anchor_px,
             ray: mover.ray,
@@ -471,12 +470,7 @@ impl Follower {
             self.undo = self.undo.take().filter(|undo| !undo.moves());
             self.lose();
         }
-        let gone_s = seen.time_s - self.hidden_s;
-        if self.state == FollowState::Occluded && gone_s > self.settings.coast_s {
-            self.state = FollowState::Lost;
-        }
-        if gone_s > self.settings.forget_s && self.exchangeable {
-            self.release();
+        if self.fade(seen.time_s) {
             return self.without_target(reason, None);
         }
         let place =
@@ -484,7 +478,24 @@ impl Follower {
         self.without_target(reason, place)
     }
 
+    /// A target that is out of sight is lost after a while, then forgotten; whether it is.
+    fn fade(&mut self, now_s: f64) -> bool {
+        let gone_s = now_s - self.hidden_s;
+        if self.state == FollowState::Occluded && gone_s > self.settings.coast_s {
+            self.state = FollowState::Lost;
+        }
+        let forgotten = gone_s > self.settings.forget_s && self.exchangeable;
+        if forgotten {
+            self.release();
+        }
+        forgotten
+    }
+
     fn look_again(&mut self, seen: &Observation, prior: Option<&Prior>, dt: f64) -> Report {
+        // Here as well: what is seen again and disowned every time never hides.
+        if self.fade(seen.time_s) {
+            return self.look_for_target(seen);
+        }
         self.since_lock_s += dt;
         let movers = self.movers.find(seen, &self.motion, self.settings.posture);
         // Long after the filter's last measurement its extrapolation is no better than ours, which stops.

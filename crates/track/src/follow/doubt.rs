@@ -1,5 +1,7 @@
 //! Taking back that the target was seen again.
 
+use std::collections::VecDeque;
+
 use nalgebra::Vector3;
 
 use super::Follower;
@@ -16,19 +18,41 @@ const DOUBT_S: f64 = 1.0;
 /// How near to a doubted place another sighting is doubted too, metres.
 const SAME_M: f64 = 0.25;
 
+/// So many directions are doubted at a time; the oldest goes. Where one stretch of wall looks like the target others do.
+const DOUBTS_MOST: usize = 8;
+
 /// A direction in which something looked like the target and was not.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Doubt {
+struct Doubt {
     ray: Vector3<f64>,
     time_s: f64,
 }
 
-impl Doubt {
-    pub(super) fn about(belief: &Belief, time_s: f64) -> Self {
-        Self {
+/// The newest of them, oldest first.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Doubts(VecDeque<Doubt>);
+
+impl Doubts {
+    /// What `belief` says of the target was something else.
+    pub(super) fn add(&mut self, belief: &Belief, time_s: f64) {
+        if self.0.len() == DOUBTS_MOST {
+            self.0.pop_front();
+        }
+        self.0.push_back(Doubt {
             ray: belief.seen_along(),
             time_s,
-        }
+        });
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.0.clear();
+    }
+
+    /// Whether a match is where something else was taken for the target a moment ago.
+    fn cover(&self, found: &Match, time_s: f64) -> bool {
+        self.0.iter().any(|d| {
+            time_s - d.time_s < DOUBT_S && (found.ray - d.ray).norm() * found.distance_m < SAME_M
+        })
     }
 }
 
@@ -98,8 +122,6 @@ impl Undo {
 impl Follower {
     /// Whether a match is where something else was taken for the target a moment ago.
     pub(super) fn is_doubted(&self, found: &Match, time_s: f64) -> bool {
-        self.doubt.is_some_and(|d| {
-            time_s - d.time_s < DOUBT_S && (found.ray - d.ray).norm() * found.distance_m < SAME_M
-        })
+        self.doubts.cover(found, time_s)
     }
 }

@@ -360,6 +360,39 @@ fn who_moves_is_not_taken_back() {
     }
 }
 
+/// Two posters that look like the target hang where it is expected, and whoever measures them says that they are none: neither is taken instead of the other for
+/// ever, and the target is seen where it walks.
+#[test]
+fn what_looks_like_the_target_twice_does_not_hide_it() {
+    let mut stage = Stage::new();
+    let mut follower = Follower::new(FollowSettings::default());
+    let angles = HeadAngles::default();
+    let posters = [0.7, 1.25].map(|x| person(Point3::new(x, 0.0, 5.0)));
+    for i in 0..22 {
+        let there = person(Point3::new(-1.3 + 0.9 * f64::from(i) / FPS, 0.0, 5.0));
+        stage.step(&mut follower, &angles, &[there, posters[0], posters[1]]);
+    }
+    let mut taken = [false; 2];
+    let found = (0..60).find(|&i| {
+        let there = Point3::new(-0.4 - 0.5 * f64::from(i) / FPS, 0.0, 4.4);
+        let report = stage.step(
+            &mut follower,
+            &angles,
+            &[person(there), posters[0], posters[1]],
+        );
+        let near = |at: &Point3<f64>| miss_m(&stage, &angles, &report, at).is_some_and(|m| m < 0.3);
+        for (taken, poster) in taken.iter_mut().zip(&posters) {
+            if near(&poster.anchor) {
+                *taken = true;
+                follower.disown();
+            }
+        }
+        near(&there)
+    });
+    assert!(taken[0] && taken[1], "{taken:?}");
+    assert!(found.is_some_and(|i| i < 45), "{found:?}");
+}
+
 /// A given box starts the follower on the first frame; the same input gives the same answers.
 #[test]
 fn given_box_starts_at_once_and_runs_repeat() {
