@@ -48,7 +48,7 @@ struct Answer {
 
 /// Run.
 pub(crate) fn run(global: &Global, args: &HomeArgs) -> anyhow::Result<()> {
-    let mut hand = Hand::open(global, args.motors.as_deref())?;
+    let mut hand = Hand::open_standing(global, args.motors.as_deref())?;
     let fault = hand.has_fault();
     let what = match fault {
         true => format!(

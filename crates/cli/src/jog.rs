@@ -1,5 +1,7 @@
 //! `vergence jog`: turn one axis by hand.
 
+mod focus;
+
 use std::time::Instant;
 
 use serde::Serialize;
@@ -18,13 +20,16 @@ Turn one axis by hand: by so many degrees, or to an angle (--to). The axis start
 acceleration, and must be homed: by `vergence home`, or with --home first. A Grbl controller is homed anew with every connection, and needs --home each time.
 
 Asks before anything moves; --yes answers for scripts, and without a terminal nothing moves without it. State and position are shown while it moves. Ctrl-C \
-stops at once. Signs: pan + turns right, tilt + looks up, left and right vergence + turn that camera right.";
+stops at once. Signs: pan + turns right, tilt + looks up, left and right vergence + turn that camera right.
+
+Where a Grbl controller has a motor for the focus of both lenses (motors.grbl.focus), `vergence jog focus DISTANCE` focuses them on a distance: 2.5m, inf.";
 
 const AFTER: &str = "\
 Examples:
   vergence jog pan 5                                          how it works, on simulated motors
   vergence jog left --to 2deg --motors linuxcnc:127.0.0.1:5007
   vergence jog tilt -1.5 --home --speed 2deg/s --motors grbl:/dev/ttyUSB0
+  vergence --config rig.toml jog focus 2.5m --home
 
 Exit code 0: there; 1: not there, with the reason; 2: cannot be done as typed, or nobody could be asked; 130: stopped by Ctrl-C.
 docs/reference-jog.md describes the answer of --format json.";
@@ -52,15 +57,19 @@ enum AxisArg {
     Left,
     /// Vergence of the right camera.
     Right,
+    /// Focus of both lenses, where a motor turns it.
+    Focus,
 }
 
 impl AxisArg {
-    fn name(self) -> AxisName {
+    /// The axis of the head; none for the focus.
+    fn name(self) -> Option<AxisName> {
         match self {
-            Self::Pan => AxisName::Pan,
-            Self::Tilt => AxisName::Tilt,
-            Self::Left => AxisName::LeftVergence,
-            Self::Right => AxisName::RightVergence,
+            Self::Pan => Some(AxisName::Pan),
+            Self::Tilt => Some(AxisName::Tilt),
+            Self::Left => Some(AxisName::LeftVergence),
+            Self::Right => Some(AxisName::RightVergence),
+            Self::Focus => None,
         }
     }
 }
@@ -72,14 +81,14 @@ pub(crate) struct JogArgs {
     /// Which axis to turn.
     #[arg(value_enum)]
     axis: AxisArg,
-    /// By how much: degrees, or with a unit (5, -2.5deg, 10mrad).
+    /// By how much: degrees, or with a unit (5, -2.5deg, 10mrad); for the focus, the distance to focus on (2.5m, inf).
     #[arg(
         value_name = "DEGREES",
         allow_negative_numbers = true,
         required_unless_present = "to"
     )]
     by: Option<String>,
-    /// To this angle instead of by one.
+    /// To this angle instead of by one; for the focus, the distance.
     #[arg(
         long,
         value_name = "DEGREES",
@@ -143,7 +152,10 @@ struct Way {
 
 /// Run.
 pub(crate) fn run(global: &Global, args: &JogArgs) -> anyhow::Result<()> {
-    let wish = wish(args)?;
+    let Some(axis) = args.axis.name() else {
+        return focus::run(global, args);
+    };
+    let wish = wish(axis, args)?;
     let mut hand = Hand::open(global, args.motors.as_deref())?;
     if hand.spec == MotorsSpec::Simulated {
         // They are where they were put; a real controller keeps its zero between two commands, these are made anew.
@@ -180,14 +192,14 @@ pub(crate) fn run(global: &Global, args: &JogArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn wish(args: &JogArgs) -> Result<Wish, Fault> {
+fn wish(axis: AxisName, args: &JogArgs) -> Result<Wish, Fault> {
     let to = match (&args.by, &args.to) {
         (Some(by), _) => Aim::By(angle(by, "DEGREES")?),
         (None, Some(to)) => Aim::To(angle(to, "--to")?),
         (None, None) => return Err(fault::usage("DEGREES or --to says where to turn")),
     };
     Ok(Wish {
-        axis: args.axis.name(),
+        axis,
         to,
         speed_rad_s: args.speed.as_deref().map(speed_from_text).transpose()?,
     })
@@ -237,28 +249,28 @@ fn speed_from_text(text: &str) -> Result<f64, Fault> {
     }
 }
 
+/// Whether `what`, which is in this state, may be turned.
+fn check_ready(hand: &Hand, state: AxisState, what: &str) -> Result<(), Fault> {
+    match state {
+        AxisState::Ready | AxisState::Held => Ok(()),
+        AxisState::Unhomed => Err(fault::failed(format!("{what} is not homed")).hint(
+            "add --home to home all axes first (a Grbl controller needs it with every connection)",
+        )),
+        AxisState::Fault => Err(
+            fault::failed(format!("{what} is at fault or switched off")).hint(format!(
+                "look at the rig, then release it: vergence home --motors {}",
+                hand.spec.text()
+            )),
+        ),
+    }
+}
+
 /// The way from where the axis stands now.
 fn plan(hand: &Hand, wish: &Wish) -> Result<Way, Fault> {
     let axis = wish.axis;
     let (word, motors) = (axis_word(axis), hand.spec.text());
-    match hand.live.states()[axis.index()] {
-        AxisState::Ready | AxisState::Held => {}
-        AxisState::Unhomed => {
-            return Err(
-                fault::failed(format!("axis {word} of {motors} is not homed")).hint(
-                    "add --home to home all axes first (a Grbl controller needs it with every connection)",
-                ),
-            );
-        }
-        AxisState::Fault => {
-            return Err(fault::failed(format!(
-                "axis {word} of {motors} is at fault or switched off"
-            ))
-            .hint(format!(
-                "look at the rig, then release it: vergence home --motors {motors}"
-            )));
-        }
-    }
+    let state = hand.live.states()[axis.index()];
+    check_ready(hand, state, &format!("axis {word} of {motors}"))?;
     let silent = || fault::failed(format!("{motors} does not say where axis {word} stands"));
     let now_s = hand.live.now_s();
     let from_rad = hand.position_rad(axis).ok_or_else(silent)?;

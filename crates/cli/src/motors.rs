@@ -14,8 +14,8 @@ use vergence_control::{
 use crate::fault::{self, Fault};
 use crate::settings::{Origin, Settings};
 
-/// A controller that has not answered after this long is not there. LinuxCNC takes up to a second for its first answer.
-const CONNECT: Duration = Duration::from_secs(4);
+/// A controller that has not answered after this long is not there. A Grbl is told as absent after 5 s, a board with a slow boot loader needs three for its first word.
+const CONNECT: Duration = Duration::from_secs(8);
 
 /// What `--motors` names.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -86,8 +86,37 @@ impl MotorsSpec {
         }
     }
 
+    /// The motor for the focus of both lenses; only a Grbl controller may have one.
+    pub(crate) fn focus(&self, settings: &Settings) -> Option<GrblFocus> {
+        matches!(self, Self::Grbl(_)).then(|| grbl_focus(settings))?
+    }
+
     /// A controller with its thread; it answers, and nothing has moved.
+    ///
+    /// # Errors
+    /// One that is not there, does not fit the rig, or stands until a person releases it.
     pub(crate) fn open(&self, settings: &Settings) -> anyhow::Result<LiveDrive> {
+        let live = self.start(settings)?;
+        self.wait(&live).map_err(|why| match live.needs_release() {
+            true => why.hint(format!(
+                "look at the rig, then release it: vergence home --motors {}",
+                self.text()
+            )),
+            false => why,
+        })?;
+        Ok(live)
+    }
+
+    /// The same of a controller that may stand until it is released ([`vergence_control::Drive::needs_release`]).
+    pub(crate) fn open_standing(&self, settings: &Settings) -> anyhow::Result<LiveDrive> {
+        let live = self.start(settings)?;
+        match self.wait(&live) {
+            Err(_) if live.needs_release() => Ok(live),
+            other => Ok(other.map(|()| live)?),
+        }
+    }
+
+    fn start(&self, settings: &Settings) -> anyhow::Result<LiveDrive> {
         let head = &crate::twin::config(settings)?.head;
         let drive: BoxedDrive = match self {
             Self::Simulated => Box::new(SimulatedMotors::new(head)?),
@@ -104,11 +133,10 @@ impl MotorsSpec {
                 Box::new(LinuxCncDrive::new(config)?)
             }
         };
-        let live = LiveDrive::start(drive)?;
-        self.wait(&live)?;
-        Ok(live)
+        Ok(LiveDrive::start(drive)?)
     }
 
+    /// Until it answers.
     fn wait(&self, live: &LiveDrive) -> Result<(), Fault> {
         let start = Instant::now();
         loop {
@@ -120,7 +148,8 @@ impl MotorsSpec {
             // A port that nobody listens on is told at once; a connection may take its time.
             let final_word = ["nobody listens", "word", "names no host", "no such host"]
                 .iter()
-                .any(|part| reason.contains(part));
+                .any(|part| reason.contains(part))
+                || live.needs_release();
             if start.elapsed() > CONNECT || final_word {
                 return Err(fault::failed(format!("{}: {reason}", self.text()))
                     .hint("`vergence doctor --motors` with the same words says more"));

@@ -5,12 +5,14 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
+use vergence_control::grbl::GrblFocus;
 use vergence_control::{AxisName, AxisState, Drive as _, Link, LiveDrive, stands};
 
 use crate::args::Global;
 use crate::fault::{self, Fault};
 use crate::motors::{MotorsSpec, axis_word, state_word};
 use crate::run::Stop;
+use crate::settings::Settings;
 use crate::{output, rig};
 
 /// Between two looks at the axes; well within the watchdog of any controller.
@@ -42,6 +44,8 @@ pub(crate) struct AxisRecord {
 pub(crate) struct Hand {
     pub(crate) spec: MotorsSpec,
     pub(crate) live: LiveDrive,
+    /// The motor for the focus of both lenses, if there is one.
+    pub(crate) focus: Option<GrblFocus>,
     stop: Stop,
     shown: Option<Instant>,
     line: bool,
@@ -50,14 +54,28 @@ pub(crate) struct Hand {
 impl Hand {
     /// On the controller that the flag `--motors` or the settings name; nothing has moved.
     pub(crate) fn open(global: &Global, motors: Option<&str>) -> anyhow::Result<Self> {
+        Self::open_by(global, motors, MotorsSpec::open)
+    }
+
+    /// The same, also of one that stands until it is released.
+    pub(crate) fn open_standing(global: &Global, motors: Option<&str>) -> anyhow::Result<Self> {
+        Self::open_by(global, motors, MotorsSpec::open_standing)
+    }
+
+    fn open_by(
+        global: &Global,
+        motors: Option<&str>,
+        open: fn(&MotorsSpec, &Settings) -> anyhow::Result<LiveDrive>,
+    ) -> anyhow::Result<Self> {
         let mut flags = Vec::new();
         rig::push(&mut flags, "motors.controller", "--motors", motors);
         let settings = global.settings(&flags)?;
         let spec = MotorsSpec::from_settings(&settings)?;
         // From here on a Ctrl-C is heard.
         let stop = Stop::listen()?;
-        let live = spec.open(&settings)?;
+        let live = open(&spec, &settings)?;
         Ok(Self {
+            focus: spec.focus(&settings),
             spec,
             live,
             stop,
@@ -169,8 +187,8 @@ impl Hand {
     pub(crate) fn release(&mut self) -> anyhow::Result<()> {
         self.live.clear(0.0)?;
         let start = Instant::now();
-        while self.has_fault() {
-            self.look()?;
+        while self.has_fault() || matches!(self.live.link(), Link::Down { .. }) {
+            self.look_on()?;
             if start.elapsed() > RELEASE_MOST {
                 return Err(fault::failed(format!(
                     "{} stays at fault{}",
@@ -184,8 +202,9 @@ impl Hand {
         Ok(())
     }
 
+    /// Whether only a person may let it go on.
     pub(crate) fn has_fault(&self) -> bool {
-        self.live.states().contains(&AxisState::Fault)
+        self.live.needs_release() || self.live.states().contains(&AxisState::Fault)
     }
 
     pub(crate) fn is_stopped(&self) -> bool {
@@ -197,15 +216,20 @@ impl Hand {
     /// # Errors
     /// When a person stops it, after the axes have been told to hold; when the controller is lost.
     pub(crate) fn look(&mut self) -> anyhow::Result<()> {
+        if let Link::Down { reason, .. } = self.live.link() {
+            self.clear_line();
+            return Err(fault::failed(format!("{} was lost: {reason}", self.spec.text())).into());
+        }
+        self.look_on()
+    }
+
+    /// The same of a controller that may be silent.
+    fn look_on(&mut self) -> anyhow::Result<()> {
         // Whoever looks lives: homing goes on only as long as somebody does.
         self.live.update(0.0);
         self.say_events();
         if self.is_stopped() {
             return Err(self.stopped());
-        }
-        if let Link::Down { reason, .. } = self.live.link() {
-            self.clear_line();
-            return Err(fault::failed(format!("{} was lost: {reason}", self.spec.text())).into());
         }
         if self.shown.is_none_or(|at| at.elapsed() >= SHOW) {
             self.shown = Some(Instant::now());
@@ -251,6 +275,9 @@ impl Hand {
 
     /// What the controller said last, for the end of a sentence.
     fn reasons(&mut self) -> String {
+        if let Link::Down { reason, .. } = self.live.link() {
+            return format!(": {reason}");
+        }
         let texts: Vec<String> = self
             .live
             .take_events()

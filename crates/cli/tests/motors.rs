@@ -1,6 +1,6 @@
 //! Proves: `jog` and `home` ask before anything moves, refuse what cannot be done with a sentence and a remedy, and move simulated motors
 //! within their limits; so they do over a serial port with a simulated Grbl behind it, whose zero is that of one connection and whose settings are those of
-//! `motors.grbl`; `--motors` of `run` refuses what is no controller. LinuxCNC is in `tests/linuxcnc_loop.rs`.
+//! `motors.grbl`, and so does a focus motor; `--motors` of `run` refuses what is no controller. LinuxCNC is in `tests/linuxcnc_loop.rs`.
 
 #![allow(
     clippy::unwrap_used,
@@ -12,7 +12,9 @@ mod common;
 use common::Place;
 use vergence_control::HeadConfig;
 use vergence_control::grbl::terminal::real_time;
-use vergence_control::grbl::{GrblTerminal, SharedGrbl, SimulatedGrbl, SimulatedGrblConfig};
+use vergence_control::grbl::{
+    GrblFault, GrblSettings, GrblTerminal, SharedGrbl, SimulatedGrbl, SimulatedGrblConfig,
+};
 
 #[test]
 fn without_a_terminal_nothing_moves_unasked() {
@@ -155,5 +157,155 @@ fn grbl_homes_and_turns() {
         twice.err.starts_with("error: motors.grbl: ")
             && twice.err.contains("given to one axis only"),
         "{twice:?}"
+    );
+}
+
+/// A focus motor goes to a distance, evenly in its inverse, once it is homed, and nowhere beyond its ends; where there is none that is said.
+#[test]
+fn the_focus_is_turned_to_a_distance() {
+    let rig = GrblSettings::for_rig(&HeadConfig::default());
+    let mut settings = GrblSettings::uniform(5, 100.0, 6000.0, 500.0, 100.0);
+    for n in [100, 110, 120, 130].into_iter().flat_map(|n| n..n + 4) {
+        assert!(settings.set(n, rig.get(n).unwrap()));
+    }
+    let clock = real_time();
+    let config = SimulatedGrblConfig::new(settings);
+    let grbl = SharedGrbl::new(SimulatedGrbl::new(config, clock()));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("grbl");
+    let terminal = GrblTerminal::start(grbl.clone(), clock.clone(), Some(&path)).unwrap();
+    let motors = format!("grbl:{}", terminal.path().display());
+    let place = Place::new();
+    place.file(
+        "rig.toml",
+        "[motors.grbl]\nsilence = \"3 s\"\n[motors.grbl.focus]\nletter = \"B\"\n",
+    );
+    let run = |args: &[&str]| {
+        let rig = ["--config", "rig.toml", "jog", "focus", "--motors", &motors];
+        place.run(&[&rig, args].concat())
+    };
+    for (args, code, error) in [
+        (
+            &["0.5m", "--yes"][..],
+            2,
+            "error: the lenses cannot be focused on 0.500 m: their motor goes from 1.000 m to infinity\n",
+        ),
+        (
+            &["--to", "0", "--yes"],
+            2,
+            "error: --to '0' must be greater than 0\n",
+        ),
+        (
+            &["far"],
+            2,
+            "error: DISTANCE 'far' is no length; write for example 70mm, 7cm or 0.07m\n",
+        ),
+        (
+            &["2m", "--speed", "3", "--yes"],
+            2,
+            "error: --speed has no meaning for the focus\nhint: its controller knows how fast it may be\n",
+        ),
+    ] {
+        let done = run(args);
+        assert_eq!((done.code, done.err.as_str()), (code, error), "{args:?}");
+    }
+    let unhomed = run(&["2m", "--yes"]);
+    assert!(
+        unhomed.code == 1
+            && unhomed.err.contains("the focus of grbl:")
+            && unhomed.err.contains("add --home"),
+        "{unhomed:?}"
+    );
+    for (text, units) in [("2m", -45.0), ("inf", 0.0), ("4", -22.5)] {
+        let done = run(&[text, "--home", "--yes", "--format", "json"]);
+        assert_eq!(done.code, 0, "{done:?}");
+        let at = grbl.lock().counters(clock())[4];
+        assert!((at - units).abs() < 0.1, "{text}: {at}");
+        let answer: serde_json::Value = serde_json::from_str(&done.out).unwrap();
+        assert_eq!(answer["axis"], "focus");
+        match text {
+            "inf" => assert!(answer["to_m"].is_null(), "{answer}"),
+            _ => {
+                let apart = |key: &str| 1.0 / answer[key].as_f64().unwrap();
+                let off = apart("reached_m") - apart("to_m");
+                assert!(off.abs() < 0.005, "{answer}");
+            }
+        }
+    }
+    let none = place.run(&["jog", "focus", "2m", "--yes"]);
+    assert_eq!(
+        (none.code, none.err.as_str()),
+        (
+            2,
+            "error: simulated motors have no focus motor\nhint: a Grbl controller may have one: motors.grbl.focus.letter names its axis\n"
+        )
+    );
+}
+
+/// What stood before the program came (a feed hold) is told with its remedy, which is one that works; a Grbl that is connected to is always unhomed, and that is
+/// nothing wrong; one that does not answer is asked what it is.
+#[test]
+fn a_standing_controller_is_told_and_released() {
+    let clock = real_time();
+    let config = SimulatedGrblConfig::for_rig(&HeadConfig::default());
+    let grbl = SharedGrbl::new(SimulatedGrbl::new(config, clock()));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("grbl");
+    let terminal = GrblTerminal::start(grbl.clone(), clock.clone(), Some(&path)).unwrap();
+    let motors = format!("grbl:{}", terminal.path().display());
+    let place = Place::new();
+    let run = |args: &[&str]| {
+        let patient = ["--motors", &motors, "--set", "motors.grbl.silence=3s"];
+        place.run(&[args, &patient].concat())
+    };
+    grbl.lock().receive(b"$X\n", clock());
+    std::thread::sleep(std::time::Duration::from_millis(200));
+    grbl.lock().receive(b"!", clock());
+    let release = format!("vergence home --motors {motors}");
+    for args in [
+        &["doctor", "--no-speed"][..],
+        &["jog", "pan", "1", "--home", "--yes"],
+    ] {
+        let done = run(args);
+        assert_eq!(done.code, 1, "{done:?}");
+        let said = format!("{}{}", done.out, done.err);
+        assert!(
+            said.contains("is in feed hold: look at why") && said.contains(&release),
+            "{done:?}"
+        );
+    }
+    let unasked = run(&["home"]);
+    assert!(
+        unasked.code == 2
+            && unasked
+                .err
+                .contains("at fault or switched off: it will be released"),
+        "{unasked:?}"
+    );
+    let home = run(&["home", "--yes"]);
+    assert_eq!(home.code, 0, "{home:?}");
+
+    let doctor = run(&["doctor", "--no-speed"]);
+    let line = doctor.out.lines().find(|l| l.contains("grbl:")).unwrap();
+    assert!(
+        line.contains("ok") && line.contains("not homed: ") && line.contains("with axes XYZA"),
+        "{doctor:?}"
+    );
+    assert!(!doctor.out.contains(&release), "{doctor:?}");
+
+    let now_s = clock();
+    grbl.lock().fault(
+        GrblFault::Silent {
+            until_s: now_s + 60.0,
+        },
+        now_s,
+    );
+    let mute = run(&["doctor", "--no-speed"]);
+    assert!(
+        mute.code == 1
+            && mute
+                .out
+                .contains("does not answer: is it a Grbl 1.1 controller"),
+        "{mute:?}"
     );
 }

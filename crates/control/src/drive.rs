@@ -114,6 +114,18 @@ pub trait Drive: Send {
     /// may, and stays like the other axes when they are held.
     fn focus(&mut self, _distance_m: f64, _now_s: f64) {}
 
+    /// The distance from the head on which the lenses are focused where their motor stands now, m; infinity as well. `None` without such a motor, and
+    /// before it is homed.
+    fn focused_m(&self) -> Option<f64> {
+        None
+    }
+
+    /// Whether the controller stands, or does not even answer, and may be made to go on by [`Self::clear`]: a feed hold or safety door from before it was connected to,
+    /// an alarm after which it is mute. Then its line counts as down.
+    fn needs_release(&self) -> bool {
+        false
+    }
+
     /// Slow all axes down within their limits and stay; ends homing, too. No state refuses it: whatever can be sent is sent. An error says
     /// that nothing could be, for want of a line; a controller that hears nothing stops its axes by itself.
     fn hold(&mut self, now_s: f64) -> [Result<(), AxisError>; 4];

@@ -315,6 +315,14 @@ impl Drive for LiveDrive {
         }
     }
 
+    fn needs_release(&self) -> bool {
+        self.shared.lock().drive.needs_release()
+    }
+
+    fn focused_m(&self) -> Option<f64> {
+        self.shared.lock().drive.focused_m()
+    }
+
     fn hold(&mut self, _now_s: f64) -> [Result<(), AxisError>; 4] {
         let mut inner = self.shared.lock();
         if inner.broken_s.is_some() {

@@ -86,6 +86,14 @@ impl Drive for TapedDrive {
         self.drive.focus(distance_m, now_s);
     }
 
+    fn needs_release(&self) -> bool {
+        self.drive.needs_release()
+    }
+
+    fn focused_m(&self) -> Option<f64> {
+        self.drive.focused_m()
+    }
+
     fn hold(&mut self, now_s: f64) -> [Result<(), AxisError>; 4] {
         self.drive.hold(now_s)
     }

@@ -25,7 +25,7 @@ pub use error::ServoError;
 pub use prior::disparity_of_point;
 pub use rest::{Rest, bring_to_rest};
 pub use rigging::{Motors, Permit, Rigging};
-pub use servo::{Servo, ServoSettings};
+pub use servo::{Servo, ServoSettings, Spoilt};
 pub use stages::{Stage, StageTimes, Stopwatch};
 pub use step::{Measured, Step};
 pub use watch::{HealthNote, WatchSettings};

@@ -62,6 +62,17 @@ pub struct Servo {
     /// Set when the cameras stand too wide for patches of one to be found in the other.
     wide: Option<TwoViewTracker>,
     wide_state: FollowState,
+    spoilt: Option<Spoilt>,
+}
+
+/// A number of the loop itself that is none, as a defect would make it.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Spoilt {
+    /// What is measured of the target: its disparity, its direction.
+    Measurement,
+    /// Where the control law believes it to be.
+    Aim,
 }
 
 /// Grey picture and pyramid of one eye, kept between steps.
@@ -129,6 +140,7 @@ impl Servo {
             target: Target::new(filter, settings.follow.coast_s)?,
             watch: Watch::new(info.cameras, settings.watch),
             zeros: Zeros::new(&settings.watch),
+            spoilt: None,
         })
     }
 
@@ -160,7 +172,8 @@ impl Servo {
                 .and_then(|s| self.believe(&stance, s, measured.as_ref(), capture_s));
             let estimate = self.target.at(capture_s);
             let estimate = estimate.map(|e| self.rigging.honest(e));
-            let aim = self.target.at(now_s);
+            let mut aim = self.target.at(now_s);
+            self.spoil_aim(&mut aim);
             let control = self.drive(&stance, aim.as_ref(), now_s)?;
             Ok::<_, ServoError>((update, estimate, aim, control))
         })?;
@@ -367,6 +380,27 @@ impl Servo {
         Ok(())
     }
 
+    /// From now on this is not a number; for simulations of faults.
+    #[doc(hidden)]
+    pub fn spoil(&mut self, spoilt: Option<Spoilt>) {
+        self.spoilt = spoilt;
+    }
+
+    fn spoil_measurement(&self, found: &mut Option<measure::Measurement>) {
+        if let (Some(Spoilt::Measurement), Some(found)) = (self.spoilt, found) {
+            found.disparity_px = f64::NAN;
+            found.left_px.x = f64::NAN;
+            found.point_in_base.z = f64::NAN;
+        }
+    }
+
+    fn spoil_aim(&self, aim: &mut Option<TargetEstimate>) {
+        if let (Some(Spoilt::Aim), Some(aim)) = (self.spoilt, aim) {
+            aim.position_in_base.x = f64::NAN;
+            aim.velocity_in_base.z = f64::NAN;
+        }
+    }
+
     fn check_sizes(&self, pair: &StereoFrame) -> Result<(), ServoError> {
         for (eye, name) in Eye::BOTH.into_iter().zip(["left", "right"]) {
             let picture = &pair.of(eye).picture;
@@ -443,7 +477,8 @@ impl Servo {
         };
         let report = self.matcher.measure(&views, &region, prior.as_ref());
         let nearer_fraction = report.nearer_fraction(prior.as_ref(), self.relief_m);
-        let found = report.outcome.ok();
+        let mut found = report.outcome.ok();
+        self.spoil_measurement(&mut found);
         let note =
             distance_of(found.as_ref(), prior.as_ref()).map(|(distance_m, sigma_m)| RangeNote {
                 distance_m,

@@ -11,6 +11,23 @@ const FIRST_S: f64 = 9.0;
 /// After this nothing goes wrong, so that coming back is seen, s before the end.
 const LAST_S: f64 = 18.0;
 
+/// Where in the program something is not a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum NanIn {
+    /// What is measured of the target.
+    Measurement,
+    /// Where the control law believes it to be.
+    Aim,
+    /// The setpoints, on their way to the driver.
+    Setpoint,
+    /// The program's clock.
+    Clock,
+}
+
+impl NanIn {
+    pub(crate) const ALL: [Self; 4] = [Self::Measurement, Self::Aim, Self::Setpoint, Self::Clock];
+}
+
 /// Something that goes wrong.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Fault {
@@ -40,6 +57,8 @@ pub(crate) enum Fault {
     LoopStall,
     /// Readings of an axis are not numbers.
     NanReading(AxisName),
+    /// Something in the program itself is not a number.
+    Nan(NanIn),
     /// The controller answers late.
     AnswersLate,
     /// Bytes from the controller are changed.
@@ -73,6 +92,7 @@ impl Fault {
     pub(crate) fn may_take_zeros(self) -> bool {
         match self {
             Fault::NanReading(_)
+            | Fault::Nan(_)
             | Fault::AnswersLate
             | Fault::Garbled
             | Fault::Split
@@ -185,7 +205,8 @@ fn drawn(chance: &mut Chance) -> Fault {
         10 => Fault::ClockJump(chance.between(0.05, 5.0)),
         11 => Fault::ClockJump(-chance.between(0.01, 5.0)),
         12 => Fault::LoopStall,
-        13 => Fault::NanReading(axis),
+        13 if eye == Eye::Left => Fault::NanReading(axis),
+        13 => Fault::Nan(NanIn::ALL[axis.index()]),
         14 => Fault::AnswersLate,
         15 => Fault::Garbled,
         16 => Fault::Split,

@@ -16,8 +16,14 @@ use vergence_control::{
 use vergence_geometry::HeadAngles;
 
 use crate::bugs::Bug;
-use crate::faults::{Fault, Planted};
+use crate::faults::{Fault, NanIn, Planted};
 use crate::run::STEP_S;
+
+/// How far beyond its range an axis stands after homing, rad (1.1 degrees).
+const AT_SWITCH_RAD: f64 = 0.0192;
+
+/// By how much steps round a position, rad (0.01 degrees).
+const ROUNDING_RAD: f64 = 0.000_175;
 
 /// The time of the world, which the controller lives in, whatever the program's clock shows.
 #[derive(Clone, Default)]
@@ -88,11 +94,19 @@ fn locked<T: ?Sized>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// What is not a number between the loop and the driver now.
+#[derive(Clone, Copy, Default)]
+struct Nan {
+    /// The readings of an axis.
+    reading: Option<AxisName>,
+    /// All setpoints.
+    setpoints: bool,
+}
+
 /// The driver as the loop holds it: the same that the world polls, as the program's own thread would.
 struct Handle {
     drive: Arc<Mutex<GrblDrive>>,
-    /// The axis whose readings are not numbers now.
-    nan: Arc<Mutex<Option<AxisName>>>,
+    nan: Arc<Mutex<Nan>>,
     bug: Option<Bug>,
 }
 
@@ -133,11 +147,27 @@ impl Drive for Handle {
             let on = self.on(now_s);
             return locked(&self.drive).command(&on, now_s);
         }
-        locked(&self.drive).command(commands, now_s)
+        let mut commands = *commands;
+        if locked(&self.nan).setpoints {
+            for command in &mut commands {
+                if let AxisCommand::Follow(setpoint) = command {
+                    setpoint.position_rad = f64::NAN;
+                }
+            }
+        }
+        locked(&self.drive).command(&commands, now_s)
     }
 
     fn focus(&mut self, distance_m: f64, now_s: f64) {
         locked(&self.drive).focus(distance_m, now_s);
+    }
+
+    fn needs_release(&self) -> bool {
+        locked(&self.drive).needs_release()
+    }
+
+    fn focused_m(&self) -> Option<f64> {
+        locked(&self.drive).focused_m()
     }
 
     fn hold(&mut self, now_s: f64) -> [Result<(), AxisError>; 4] {
@@ -161,7 +191,7 @@ impl Drive for Handle {
 
     fn reading(&self, axis: AxisName, at_s: f64) -> Result<AxisReading, AxisError> {
         let reading = locked(&self.drive).reading(axis, at_s)?;
-        Ok(match *locked(&self.nan) == Some(axis) {
+        Ok(match locked(&self.nan).reading == Some(axis) {
             true => AxisReading {
                 position_rad: f64::NAN,
                 ..reading
@@ -185,11 +215,13 @@ pub(crate) struct Machine {
     drive: Arc<Mutex<GrblDrive>>,
     world: WorldTime,
     tap: Arc<Mutex<Tap>>,
-    nan: Arc<Mutex<Option<AxisName>>>,
+    nan: Arc<Mutex<Nan>>,
     limits: [AxisLimits; 4],
     zero_units: [f64; 4],
     bug: Option<Bug>,
     audited: [u64; 3],
+    /// Which axes have been within their limits since they were homed.
+    settled: [bool; 4],
 }
 
 impl Machine {
@@ -244,6 +276,7 @@ impl Machine {
             zero_units,
             bug,
             audited: [0; 3],
+            settled: [false; 4],
         })
     }
 
@@ -274,6 +307,11 @@ impl Machine {
     /// What the driver believes of the axes.
     pub(crate) fn states(&self) -> [AxisState; 4] {
         locked(&self.drive).states()
+    }
+
+    /// What waits in the driver: what, how much, and how much may.
+    pub(crate) fn backlog(&self) -> Vec<(&'static str, usize, usize)> {
+        locked(&self.drive).backlog()
     }
 
     /// Lines with motion that were sent since the last call.
@@ -310,7 +348,11 @@ impl Machine {
             Fault::NanReading(axis) if p.is_on(world_s) => Some(axis),
             _ => None,
         };
-        *locked(&self.nan) = faults.iter().find_map(nan);
+        let setpoints = |p: &Planted| p.fault == Fault::Nan(NanIn::Setpoint) && p.is_on(world_s);
+        *locked(&self.nan) = Nan {
+            reading: faults.iter().find_map(nan),
+            setpoints: faults.iter().any(setpoints),
+        };
         locked(&self.drive).poll(clock_s);
     }
 
@@ -350,11 +392,19 @@ impl Machine {
                     limits.velocity_max_rad_s.to_degrees()
                 ));
             }
+            let within = |slack_rad: f64| {
+                (limits.position_min_rad - slack_rad..=limits.position_max_rad + slack_rad)
+                    .contains(&angle)
+            };
             // Homing ends at the switches, a degree beyond the range that the rig uses.
-            let slack = 1.1_f64.to_radians();
-            let inside = (limits.position_min_rad - slack..=limits.position_max_rad + slack)
-                .contains(&angle);
-            if homed && !inside {
+            // Counters of nothing are those of a controller that has just lost them, whatever the driver still believes.
+            let counts = units.iter().any(|u| *u != 0.0);
+            self.settled[i] = homed && counts && (self.settled[i] || within(0.0));
+            let slack_rad = match self.settled[i] {
+                true => ROUNDING_RAD,
+                false => AT_SWITCH_RAD,
+            };
+            if homed && !within(slack_rad) {
                 found.push(format!(
                     "axis {axis:?} stands at {:.2} deg, outside its limits",
                     angle.to_degrees()

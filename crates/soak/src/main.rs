@@ -10,6 +10,12 @@ use vergence_soak::{Bug, Plan, Verdict, run};
 const USAGE: &str = "usage: vergence-soak [--first-seed N] [--seeds N] [--seconds S] [--threads N] [--bug NAME] [--seed N --trace]
 bugs: hold-ignored, clears-itself, chunk-lost (planted in the simulation; each must be caught)";
 
+/// Memory that the program may hold, MiB: so much ...
+const BASE_MIB: u64 = 60;
+
+/// ... and this for each thread; half again of what it has been seen to hold.
+const THREAD_MIB: u64 = 80;
+
 /// What was asked for.
 struct Asked {
     first: u64,
@@ -136,6 +142,7 @@ fn worker(asked: &Asked, next: &AtomicU64) -> anyhow::Result<Vec<Verdict>> {
             seconds: asked.seconds,
             bug: asked.bug,
             trace: asked.trace,
+            most_mib: BASE_MIB + THREAD_MIB * asked.threads as u64,
         };
         // A panic is a finding, not an end: the program must not have any. Nothing of a seed outlives it.
         let ran =

@@ -7,11 +7,11 @@ use vergence_control::{ControlSettings, Controller, ModeRequest, RigState, Super
 use vergence_geometry::HeadGeometry;
 use vergence_imaging::Rgb;
 use vergence_servo::{
-    Conductor, Motors, Rigging, Servo, ServoSettings, Step, WatchSettings, Wrong,
+    Conductor, Motors, Rigging, Servo, ServoSettings, Spoilt, Step, WatchSettings, Wrong,
 };
 
 use crate::eyes::{self, Eyes, FPS, Sent};
-use crate::faults::{Fault, Planted, planted};
+use crate::faults::{Fault, NanIn, Planted, planted};
 use crate::machine::Machine;
 use crate::tape::{Mood, Tape};
 use crate::verdict::{Verdict, Watcher};
@@ -60,6 +60,8 @@ pub struct Plan {
     pub bug: Option<crate::bugs::Bug>,
     /// Whether what happens is printed as it happens.
     pub trace: bool,
+    /// The program may hold so much memory, MiB.
+    pub most_mib: u64,
 }
 
 /// The whole rig with its world.
@@ -83,6 +85,7 @@ struct Run {
     looked_s: f64,
     person_s: Option<f64>,
     watcher: Watcher,
+    most_mib: u64,
 }
 
 /// Run a seed.
@@ -161,6 +164,7 @@ impl Run {
             read_s: 0.0,
             looked_s: 0.0,
             person_s: None,
+            most_mib: plan.most_mib,
         })
     }
 
@@ -211,6 +215,13 @@ impl Run {
         self.tape.pump(self.world_s, now_s, mood);
         if self.world_s - self.read_s >= READ_EVERY_S {
             self.read_s = self.world_s;
+            let mib = memory_mib().unwrap_or(0);
+            self.watcher.bound(
+                self.world_s,
+                "MiB of memory",
+                mib as usize,
+                self.most_mib as usize,
+            );
             if let Some(wrong) = self.tape.wrong(self.world_s) {
                 self.watcher.violated(self.world_s, &wrong);
             }
@@ -253,9 +264,30 @@ impl Run {
         }
     }
 
+    /// What the program's clock shows, s.
+    fn shown_clock_s(&self) -> f64 {
+        match self.is_on(|f| *f == Fault::Nan(NanIn::Clock)) {
+            true => f64::NAN,
+            false => self.world_s + self.clock_s,
+        }
+    }
+
+    /// Let numbers in the loop be none.
+    fn spoil(&mut self) {
+        let spoilt = if self.is_on(|f| *f == Fault::Nan(NanIn::Measurement)) {
+            Some(Spoilt::Measurement)
+        } else if self.is_on(|f| *f == Fault::Nan(NanIn::Aim)) {
+            Some(Spoilt::Aim)
+        } else {
+            None
+        };
+        self.conductor.servo_mut().spoil(spoilt);
+    }
+
     /// What the program does in this step of the world.
     fn program(&mut self) -> anyhow::Result<()> {
-        let now_s = self.world_s + self.clock_s;
+        let now_s = self.shown_clock_s();
+        self.spoil();
         if now_s < std::mem::replace(&mut self.shown_s, now_s) {
             // Cameras that are stamped by a clock that went back are cameras that were started anew.
             self.pairer = Pairer::new(PairingLimits::for_fps(FPS))?;
@@ -374,6 +406,9 @@ impl Run {
         for event in self.conductor.take_events() {
             self.watcher.event(self.world_s, &event);
         }
+        for (name, length, most) in self.machine.backlog() {
+            self.watcher.bound(self.world_s, name, length, most);
+        }
         self.watcher.bound(
             self.world_s,
             "frames that wait for a partner",
@@ -385,6 +420,14 @@ impl Run {
         self.watcher
             .rig(self.world_s, self.conductor.state(), unhomed, pointing);
     }
+}
+
+/// Memory that the program holds now, MiB; `None` where the system does not tell.
+fn memory_mib() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = text.lines().find_map(|l| l.strip_prefix("VmRSS:"))?;
+    let kib: u64 = line.split_whitespace().next()?.parse().ok()?;
+    Some(kib / 1024)
 }
 
 /// Whether a frame was on its way while the clock jumped back: its stamp lies after its arrival, by as much. The program's cameras do not let such a
@@ -406,6 +449,7 @@ mod tests {
             seconds,
             bug: None,
             trace: false,
+            most_mib: u64::MAX,
         };
         let mut run = Run::new(plan, faults).unwrap();
         for step in 1..=(plan.seconds / STEP_S).round() as u64 {

@@ -347,6 +347,7 @@ mod tests {
             seconds: 60.0,
             bug: None,
             trace: false,
+            most_mib: u64::MAX,
         };
         let planted = Planted {
             fault,

@@ -11,6 +11,7 @@ fn plan(seed: u64) -> Plan {
         seconds: 32.0,
         bug: None,
         trace: false,
+        most_mib: u64::MAX,
     }
 }
 

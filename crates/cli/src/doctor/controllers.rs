@@ -4,7 +4,7 @@ use std::net::{SocketAddr, TcpStream};
 use std::time::Duration;
 
 use vergence_control::linuxcnc::PORT;
-use vergence_control::{AxisName, AxisState, Drive as _};
+use vergence_control::{AxisName, AxisState, Drive as _, Link};
 
 use crate::motors::{MotorsSpec, axis_word, state_word};
 use crate::settings::Settings;
@@ -64,7 +64,8 @@ fn listens() -> bool {
 /// What a controller says of itself; `absent` is the status of one that does not answer.
 fn asked(spec: &MotorsSpec, settings: &Settings, absent: Status) -> Check {
     let item = spec.text();
-    let live = match spec.open(settings) {
+    let home = format!("vergence home --motors {item}");
+    let mut live = match spec.open_standing(settings) {
         Ok(live) => live,
         Err(error) => {
             let prefix = format!("{item}: ");
@@ -74,8 +75,15 @@ fn asked(spec: &MotorsSpec, settings: &Settings, absent: Status) -> Check {
                 .next("switch it on, connect it, and give the port or address that it has");
         }
     };
+    if let (true, Link::Down { reason, .. }) = (live.needs_release(), live.link()) {
+        return Check::new(GROUP, item, absent, reason).next(format!(
+            "look at the rig and at the controller; if it is the right one, release it: {home}"
+        ));
+    }
     let (states, limits) = (live.states(), live.limits());
-    let mut parts = vec![live.name()];
+    // What it said of itself when it was connected to, if it did.
+    let said = live.take_events().pop().map(|e| e.text);
+    let mut parts = vec![said.unwrap_or_else(|| live.name())];
     for axis in AxisName::ALL {
         let l = limits[axis.index()];
         let place = live
@@ -94,7 +102,6 @@ fn asked(spec: &MotorsSpec, settings: &Settings, absent: Status) -> Check {
         ));
     }
     let found = parts.join("; ");
-    let home = format!("vergence home --motors {item}");
     if states.contains(&AxisState::Fault) {
         return Check::new(
             GROUP,
@@ -105,6 +112,10 @@ fn asked(spec: &MotorsSpec, settings: &Settings, absent: Status) -> Check {
         .next(format!(
             "look at the rig, its emergency stop and its switches, then: {home}"
         ));
+    }
+    if states.contains(&AxisState::Unhomed) && matches!(spec, MotorsSpec::Grbl(_)) {
+        // As after every connection: no person can do anything about it now.
+        return Check::new(GROUP, item, Status::Good, format!("not homed: {found}"));
     }
     if states.contains(&AxisState::Unhomed) {
         return Check::new(GROUP, item, absent, format!("not homed: {found}")).next(home);

@@ -16,7 +16,7 @@ pub(crate) struct SerialPort {
     pub(crate) by_id: Option<PathBuf>,
 }
 
-/// All ports of USB adapters and boards.
+/// All ports of USB adapters and boards, and those on the pins of single-board computers.
 pub(crate) fn ports(places: &Places) -> Vec<SerialPort> {
     let by_id = places.dev.join("serial/by-id");
     let links: Vec<(PathBuf, PathBuf)> = names(&by_id, &[""])
@@ -26,7 +26,7 @@ pub(crate) fn ports(places: &Places) -> Vec<SerialPort> {
             Some((std::fs::canonicalize(&link).ok()?, link))
         })
         .collect();
-    names(&places.dev, &["ttyUSB", "ttyACM"])
+    names(&places.dev, &["ttyUSB", "ttyACM", "ttyAMA"])
         .into_iter()
         .map(|name| {
             let path = places.dev.join(&name);

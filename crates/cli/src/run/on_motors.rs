@@ -77,15 +77,29 @@ pub(super) fn open(spec: &MotorsSpec, settings: &Settings, home: bool) -> anyhow
                 axis_word(axis),
                 state_word(state)
             ))
-            .hint(format!(
-                "add --home to let the axes look for their zeros first, or run vergence home --motors {}",
-                spec.text()
-            ))
+            .hint(remedy(spec, state))
             .into());
         }
     }
     let clock = RealClock::since(drive.begin());
     Ok(Live { drive, clock })
+}
+
+/// What lets an axis follow.
+fn remedy(spec: &MotorsSpec, state: AxisState) -> String {
+    let home = format!("vergence home --motors {}", spec.text());
+    match (spec, state) {
+        // Its zero is that of one connection.
+        (MotorsSpec::Grbl(_), AxisState::Unhomed) => {
+            "add --home to let the axes look for their zeros first".to_owned()
+        }
+        (MotorsSpec::Grbl(_), _) => {
+            format!("look at the rig, release it by {home}, then run with --home")
+        }
+        _ => {
+            format!("add --home to let the axes look for their zeros first, or run {home}")
+        }
+    }
 }
 
 /// What follows from the calibration of a machine whose cameras give `fps` pairs a second, for a run as for its replay: its dimensions and its play are

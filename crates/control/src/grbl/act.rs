@@ -5,7 +5,7 @@ use crate::drive::{Drive as _, DriveEventKind, HOMING_WATCHDOG_S, Link};
 use crate::grbl::config::GrblHoming;
 use crate::grbl::driver::{Clearing, GrblDrive, Homing, Phase};
 use crate::grbl::flow::Purpose;
-use crate::grbl::protocol::{MachineState, SOFT_RESET};
+use crate::grbl::protocol::{MachineState, RESUME, SOFT_RESET};
 use crate::grbl::pursuit::Pursuit;
 
 /// A jog's answer takes this long at most, s; grblHAL's simulator takes 0.2 s.
@@ -13,9 +13,9 @@ const ANSWER_S: f64 = 0.75;
 /// A cancel is repeated after this, s: one that comes between two jogs cancels only the first.
 const CANCEL_AGAIN_S: f64 = 0.03;
 /// Characters of a jog at most.
-const LINE_MOST: usize = 78;
+pub(crate) const LINE_MOST: usize = 78;
 /// Bytes that the port has not taken at most.
-const UNSENT_MAX: usize = 1024;
+pub(crate) const UNSENT_MAX: usize = 1024;
 /// A port that takes nothing for this long is gone, s.
 const STUCK_S: f64 = 1.0;
 
@@ -176,7 +176,7 @@ impl GrblDrive {
         if self.now_s - homing.since_s > most_s {
             self.urgent.push(SOFT_RESET);
             self.fail(&format!(
-                "homing took longer than {most_s} s and was stopped: check the switches, or allow more time (homing_s)"
+                "homing took longer than {most_s} s and was stopped: check the switches, or allow more time (motors.grbl.homing_time)"
             ));
         }
     }
@@ -254,6 +254,17 @@ impl GrblDrive {
                 if matches!(self.link, Link::Down { .. }) {
                     self.urgent.push(SOFT_RESET);
                     self.reported = None;
+                }
+            }
+            Phase::Running if self.paused => {
+                let held = matches!(self.reported.map(|r| r.state), Some(MachineState::Hold(_)));
+                if !held {
+                    self.resumed();
+                } else if self.clearing.is_none() {
+                    self.clearing = Some(Clearing::Resume {
+                        since_s: self.now_s,
+                    });
+                    self.urgent.push(RESUME);
                 }
             }
             Phase::Running => {

@@ -74,6 +74,12 @@ impl GrblFocus {
         let [from, to, at] = [self.from_m, self.to_m, distance_m].map(f64::recip);
         ((at - from) / (to - from)).clamp(0.0, 1.0)
     }
+
+    /// The distance, m, on which that part of the way focuses: the inverse of [`Self::part`].
+    pub fn distance_m(&self, part: f64) -> f64 {
+        let [from, to] = [self.from_m, self.to_m].map(f64::recip);
+        (from + part.clamp(0.0, 1.0) * (to - from)).recip()
+    }
 }
 
 /// Settings of a Grbl controller.

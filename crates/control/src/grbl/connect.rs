@@ -2,17 +2,24 @@
 
 use crate::drive::{DriveEventKind, Link};
 use crate::grbl::driver::{Clearing, GrblDrive, Phase, RX_BUFFER};
-use crate::grbl::facts::{GrblFacts, fit};
+use crate::grbl::facts::{GrblFacts, advice, fit};
 use crate::grbl::flow::{FlowControl, Purpose};
 use crate::grbl::protocol::{MachineState, SOFT_RESET, STATUS};
 use crate::grbl::pursuit::Pursuit;
 
 /// A port that cannot be opened is tried again after this, s.
 const RETRY_S: f64 = 0.5;
-/// A board that was reset by opening its port needs up to this long to greet, s.
+/// A board that was reset by opening its port needs up to this long to greet, s. Meanwhile it is left alone: the boot loader of a board with an ATmega2560 takes
+/// a byte for the begin of an upload and waits for the rest of it.
 const BOOT_S: f64 = 2.5;
+/// Between two requests to a controller that has not answered yet, s.
+const ASK_PAUSE_S: f64 = 0.25;
+/// After so many of them ...
+const BURST: u32 = 12;
+/// ... nothing is sent for this long, s: a boot loader that waits for an upload gives it up after 8 s of silence, and starts the firmware.
+const QUIET_S: f64 = 9.0;
 /// Without greeting or answer for this long it is told as absent (and still asked), s.
-const ABSENT_S: f64 = 5.0;
+pub(crate) const ABSENT_S: f64 = 5.0;
 /// An answer to a question takes this long at most, s.
 const ANSWER_S: f64 = 1.5;
 /// A controller that did not fit the rig is asked again after this, s: its settings may have been changed, or what it said was damaged.
@@ -58,7 +65,12 @@ impl GrblDrive {
         match self.port.open(self.now_s) {
             Ok(()) => {
                 self.reader.reset();
-                self.begin_greeting();
+                // Whatever reset the board still holds it, and it hears nothing; one that was not reset answers at once.
+                self.begin_greeting(0);
+                self.set_down(format!(
+                    "{} is open, and nothing has answered yet",
+                    self.port.name()
+                ));
                 true
             }
             Err(error) => {
@@ -71,13 +83,15 @@ impl GrblDrive {
         }
     }
 
-    fn begin_greeting(&mut self) {
+    /// Wait for it to answer; `asked` is 0 when its port has just been opened.
+    fn begin_greeting(&mut self, asked: u32) {
         self.forget_controller();
         self.phase = Phase::Greeting {
             since_s: self.now_s,
             reset: false,
+            asked,
         };
-        self.ask_next_s = self.now_s + 0.1;
+        self.ask_next_s = self.now_s;
     }
 
     /// What a new connection must not inherit.
@@ -100,6 +114,7 @@ impl GrblDrive {
     /// Nothing is known of where the axes are.
     pub(crate) fn lose_position(&mut self) {
         self.homed = false;
+        self.paused = false;
         self.homing = None;
         self.clearing = None;
         self.cancel = None;
@@ -127,7 +142,7 @@ impl GrblDrive {
             self.port.name(),
             self.config.silence_s
         );
-        self.begin_greeting();
+        self.begin_greeting(1);
         self.send_cancel();
         self.set_down(reason);
     }
@@ -147,7 +162,12 @@ impl GrblDrive {
 
     /// Wait for a greeting or a report.
     pub(crate) fn greet(&mut self) {
-        let Phase::Greeting { since_s, reset } = self.phase else {
+        let Phase::Greeting {
+            since_s,
+            reset,
+            asked,
+        } = self.phase
+        else {
             return;
         };
         if let Some(reported) = self.reported {
@@ -159,6 +179,7 @@ impl GrblDrive {
             self.phase = Phase::Greeting {
                 since_s,
                 reset: true,
+                asked,
             };
         }
         if waited_s > ABSENT_S {
@@ -180,7 +201,7 @@ impl GrblDrive {
                     self.send_cancel();
                 }
             }
-            MachineState::Home => {}
+            other if !is_standing(other) => {}
             other => {
                 let doing = standing_in(other);
                 self.set_down(format!("the controller on {} {doing}", self.port.name()));
@@ -212,7 +233,7 @@ impl GrblDrive {
         if since_s == f64::NEG_INFINITY || self.now_s - since_s > ANSWER_S {
             if tries == TRIES {
                 let name = self.port.name().to_owned();
-                self.begin_greeting();
+                self.begin_greeting(1);
                 self.set_down(format!(
                     "{name} gives no answer to {}: is it a Grbl 1.1?",
                     line.trim()
@@ -271,7 +292,11 @@ impl GrblDrive {
                     } else {
                         DriveEventKind::Note
                     };
-                    let text = format!("{}: {}", self.port.name(), self.facts.summary());
+                    let mut text = format!("{}: {}", self.port.name(), self.facts.summary());
+                    for advice in advice(&self.facts, &self.config) {
+                        text += "; ";
+                        text += advice;
+                    }
                     self.tell(kind, text);
                 }
                 self.was_up = true;
@@ -328,14 +353,9 @@ impl GrblDrive {
         }
         let running = self.phase == Phase::Running;
         let expected = self.mute || self.fault.is_some();
-        self.forget_controller();
-        self.facts.name = name.to_owned();
         // Its state, then its settings: they may be another controller's.
-        self.phase = Phase::Greeting {
-            since_s: self.now_s,
-            reset: false,
-        };
-        self.ask_next_s = self.now_s;
+        self.begin_greeting(1);
+        self.facts.name = name.to_owned();
         if running && !expected {
             let text = format!(
                 "the controller on {} has started anew (power, or its reset button): positions are lost; check its supply, then home the axes",
@@ -361,6 +381,9 @@ impl GrblDrive {
             }
         }
         self.asks_doubtful = false;
+        if let Phase::Greeting { asked, .. } = &mut self.phase {
+            *asked = asked.saturating_add(1);
+        }
         self.urgent.push(STATUS);
         self.asks.push_back(self.now_s);
         self.ask_next_s = self.now_s + self.status_interval_s();
@@ -370,11 +393,19 @@ impl GrblDrive {
         let moving = self.phase == Phase::Running
             && (self.cancel.is_some() || self.homing.is_none() && self.may_move());
         match self.phase {
-            Phase::Greeting { .. } => 0.25,
+            Phase::Greeting { asked: 1, .. } => BOOT_S,
+            Phase::Greeting { asked, .. } if asked.is_multiple_of(BURST) => QUIET_S,
+            Phase::Greeting { .. } => ASK_PAUSE_S,
             _ if moving => 0.02,
             _ => 0.04,
         }
     }
+}
+
+/// Whether a controller in this state does nothing until a person releases it.
+pub(crate) fn is_standing(state: MachineState) -> bool {
+    use MachineState::{Alarm, Home, Idle, Jog, Run};
+    !matches!(state, Idle | Alarm(_) | Jog | Run | Home)
 }
 
 /// What a controller that cannot be driven is doing, and the remedy.

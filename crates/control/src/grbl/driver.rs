@@ -22,15 +22,16 @@ use crate::axis::{AxisError, AxisLimits, AxisName, AxisReading, AxisSetpoint, Ax
 use crate::controller::AxisCommand;
 use crate::drive::{Drive, DriveEvent, DriveEventKind, DriveEvents, Link};
 use crate::error::ControlError;
+use crate::grbl::act::{LINE_MOST, UNSENT_MAX};
 use crate::grbl::config::GrblConfig;
-use crate::grbl::connect::Ask;
-use crate::grbl::facts::{FOCUS, Fit, GrblFacts, Values};
+use crate::grbl::connect::{ABSENT_S, Ask, is_standing};
+use crate::grbl::facts::{FOCUS, Fit, GrblFacts, SETTINGS_MAX, Values};
 use crate::grbl::flow::FlowControl;
 use crate::grbl::lines::LineReader;
 use crate::grbl::port::Port;
 use crate::grbl::protocol::{AXES_MAX, JOG_CANCEL, MachineState, SOFT_RESET};
-use crate::grbl::pursuit::{Pursuit, Wish};
-use crate::grbl::track::Track;
+use crate::grbl::pursuit::{LEGS_MAX, Pursuit, Wish};
+use crate::grbl::track::{KEPT_MAX, Track};
 use crate::head::HeadConfig;
 
 /// Characters of a receive buffer that does not tell its size: Grbl's on an AVR.
@@ -40,16 +41,35 @@ const UNHEARD_S: f64 = 0.1;
 /// Between two looks at the port at most, s: what is asked of whoever calls.
 const LOOK_MOST_S: f64 = 0.02;
 
+/// Requests for a report that may be unanswered at a time: the second is sent when the first seems lost.
+const ASKS_MOST: usize = 3;
+/// Lines that may be unanswered beside jogs: a question, homing, releasing.
+const ASKED_MOST: usize = 3;
+/// Single characters that may wait for a port that takes nothing, until that is told.
+const URGENT_MOST: usize = 256;
+
 /// The focus is not moved for less than this part of its way.
 const FOCUS_PART: f64 = 0.003;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Phase {
-    Closed { retry_s: f64 },
-    Greeting { since_s: f64, reset: bool },
-    Asking { ask: Ask, since_s: f64, tries: u32 },
+    Closed {
+        retry_s: f64,
+    },
+    Greeting {
+        since_s: f64,
+        reset: bool,
+        asked: u32,
+    },
+    Asking {
+        ask: Ask,
+        since_s: f64,
+        tries: u32,
+    },
     Running,
-    Misfit { since_s: f64 },
+    Misfit {
+        since_s: f64,
+    },
 }
 
 /// A released alarm on its way.
@@ -59,6 +79,8 @@ pub(crate) enum Clearing {
     Reset { since_s: f64 },
     /// `$X` sent.
     Unlock { since_s: f64 },
+    /// `~` sent after a feed hold.
+    Resume { since_s: f64 },
 }
 
 /// Homing on its way.
@@ -144,6 +166,8 @@ pub struct GrblDrive {
     pub(crate) clearing: Option<Clearing>,
     pub(crate) cancel: Option<f64>,
     pub(crate) fault: Option<String>,
+    /// The fault is a feed hold at rest, in which the zeros are kept.
+    pub(crate) paused: bool,
     /// After a critical alarm it says nothing until a reset.
     pub(crate) mute: bool,
     pub(crate) alive_s: f64,
@@ -201,6 +225,7 @@ impl GrblDrive {
             clearing: None,
             cancel: None,
             fault: None,
+            paused: false,
             mute: false,
             alive_s: now_s,
             counts: GrblCounts::default(),
@@ -236,6 +261,28 @@ impl GrblDrive {
         }
     }
 
+    /// What waits in the driver: what, how much of it, and the most that may. For whoever watches that nothing grows.
+    pub fn backlog(&self) -> Vec<(&'static str, usize, usize)> {
+        let legs = self.pursuit.as_ref().map_or(0, Pursuit::legs);
+        vec![
+            ("requests for a report", self.asks.len(), ASKS_MOST),
+            (
+                "bytes for the controller",
+                self.out.len(),
+                UNSENT_MAX + LINE_MOST,
+            ),
+            (
+                "single characters for the controller",
+                self.urgent.len(),
+                URGENT_MOST,
+            ),
+            ("unanswered lines", self.flow.len(), LEGS_MAX + ASKED_MOST),
+            ("legs", legs, LEGS_MAX),
+            ("places", self.track.len(), KEPT_MAX),
+            ("settings", self.facts.settings.len(), SETTINGS_MAX),
+        ]
+    }
+
     /// Turn the focus to a part of its way, 0 to 1; refused (`false`) without a focus axis or homing, at fault, or when it is no number.
     pub fn turn_focus(&mut self, part: f64) -> bool {
         let at_fault = self.states().contains(&AxisState::Fault);
@@ -254,12 +301,17 @@ impl GrblDrive {
         self.events.push(self.now_s, kind, text.into());
     }
 
-    /// Stop the jog and forget what is wished; whatever can be sent is sent.
-    pub(crate) fn stop(&mut self) {
+    /// Forget what is wished.
+    pub(crate) fn rest(&mut self) {
         self.focused = None;
         if let Some(pursuit) = &mut self.pursuit {
             pursuit.rest();
         }
+    }
+
+    /// Stop the jog and forget what is wished; whatever can be sent is sent.
+    pub(crate) fn stop(&mut self) {
+        self.rest();
         if self.homing.is_some() {
             // Nothing but a reset stops a homing cycle.
             self.urgent.push(SOFT_RESET);
@@ -439,6 +491,13 @@ impl Drive for GrblDrive {
         }
     }
 
+    fn focused_m(&self) -> Option<f64> {
+        let focus = self.config.focus.filter(|_| self.homed)?;
+        let axis = self.fit.as_ref()?.axes.get(FOCUS)?;
+        let (units, _) = self.track.at(FOCUS, self.now_s)?;
+        Some(focus.distance_m(axis.angle(units)))
+    }
+
     fn hold(&mut self, now_s: f64) -> [Result<(), AxisError>; 4] {
         if now_s.is_finite() {
             self.alive_s = self.alive_s.max(now_s);
@@ -495,6 +554,14 @@ impl Drive for GrblDrive {
             },
             down @ Link::Down { .. } => down.clone(),
         }
+    }
+
+    fn needs_release(&self) -> bool {
+        let Phase::Greeting { since_s, .. } = self.phase else {
+            return false;
+        };
+        let stands = self.reported.is_some_and(|r| is_standing(r.state));
+        stands || self.now_s - since_s > ABSENT_S
     }
 
     fn take_events(&mut self) -> Vec<DriveEvent> {

@@ -19,7 +19,7 @@ const ABOVE_LIMIT: f64 = 1.001;
 /// Steps per degree may differ from the rig's by this part.
 const STEPS_DIFFER: f64 = 1e-3;
 /// Settings read at most.
-const SETTINGS_MAX: usize = 1024;
+pub(crate) const SETTINGS_MAX: usize = 1024;
 
 /// What a controller says of itself.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -210,7 +210,7 @@ fn common_faults(facts: &GrblFacts, config: &GrblConfig, wrong: &mut Vec<String>
     }
     if config.homing == GrblHoming::Switches {
         if !on(22) {
-            wrong.push("homing is not enabled: fit homing switches and set $22=1, or set homing = \"by_hand\" for a rig without switches".to_owned());
+            wrong.push("homing is not enabled: fit homing switches and set $22=1, or set motors.grbl.homing = \"by_hand\" for a rig without switches".to_owned());
         }
         if !on(20) {
             wrong.push("soft limits are off: set $20=1 (after $22=1), so that the controller itself keeps the axes within their travel".to_owned());
@@ -227,6 +227,21 @@ fn common_faults(facts: &GrblFacts, config: &GrblConfig, wrong: &mut Vec<String>
             "the controller takes {turned} for rotary axes, whose feed it counts apart: set $376=0 (units are degrees all the same)"
         ));
     }
+}
+
+/// What drives the rig, but not as well as it could: a sentence each, with its remedy.
+pub(crate) fn advice(facts: &GrblFacts, config: &GrblConfig) -> Vec<&'static str> {
+    let set = |n: u16| facts.setting(n);
+    let on = |n: u16| set(n).unwrap_or(0.0) as u32 & 1 == 1;
+    let mut advice = Vec::new();
+    // grblHAL tells by $37 which axes stay on.
+    if set(1).is_some_and(|delay| delay < 255.0) && set(37).is_none_or(|axes| axes == 0.0) {
+        advice.push("its motors are switched off when they stand, so that a tilted head sags and steps are lost: set $1=255");
+    }
+    if config.homing == GrblHoming::ByHand && on(20) {
+        advice.push("its soft limits are on, and count from where it was switched on, not from the zero that is set by hand: set $20=0");
+    }
+    advice
 }
 
 /// What the controller says of one axis.
@@ -263,7 +278,7 @@ fn compare_rates(
     let steps = 1.0 / (parts.step_rad().to_degrees() * scale);
     if (told.steps / steps - 1.0).abs() > STEPS_DIFFER {
         wrong.push(format!(
-            "axis {letter} ({name:?}) makes {:.3} steps per unit, the rig file has {steps:.3}: set ${}={steps:.3}, or correct gear_ratio and microsteps",
+            "axis {letter} ({name:?}) makes {:.3} steps per unit, the rig file has {steps:.3}: set ${}={steps:.3}, or correct the gear and microsteps of that motor",
             told.steps,
             100 + n
         ));
@@ -328,7 +343,7 @@ fn fit_axis(
     let outside = low < travel_low - 1e-6 || high > travel_high + 1e-6;
     if outside && travel >= needed && config.homing == GrblHoming::Switches {
         wrong.push(format!(
-            "axis {letter} ({name:?}) would go from {low:.2} to {high:.2}, its travel is {travel_low:.2} to {travel_high:.2}: correct zero_units, or ${} if the axis can truly go that far",
+            "axis {letter} ({name:?}) would go from {low:.2} to {high:.2}, its travel is {travel_low:.2} to {travel_high:.2}: correct its zero in motors.grbl, or ${} if the axis can truly go that far",
             130 + n
         ));
     }
@@ -366,7 +381,7 @@ fn fit_focus(
     );
     if low < told.range.0 || high > told.range.1 {
         wrong.push(format!(
-            "focus axis {} would go from {low:.2} to {high:.2}, its travel is {:.2} to {:.2}: correct from_units and to_units",
+            "focus axis {} would go from {low:.2} to {high:.2}, its travel is {:.2} to {:.2}: correct motors.grbl.focus.from and .to",
             focus.letter, told.range.0, told.range.1
         ));
     }

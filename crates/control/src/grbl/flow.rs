@@ -66,6 +66,10 @@ impl FlowControl {
         Some(sent.purpose)
     }
 
+    pub(crate) fn len(&self) -> usize {
+        self.sent.len()
+    }
+
     pub(crate) fn is_empty(&self) -> bool {
         self.sent.is_empty()
     }

@@ -332,6 +332,9 @@ impl GrblDrive {
     /// States in which the axes cannot be driven.
     fn watch_state(&mut self, state: MachineState) {
         match state {
+            MachineState::Idle if matches!(self.clearing, Some(Clearing::Resume { .. })) => {
+                self.resumed();
+            }
             MachineState::Idle | MachineState::Jog | MachineState::Run | MachineState::Home => {}
             MachineState::Alarm(code) => {
                 // Locked after power-on is no fault: it waits to be homed.
@@ -346,12 +349,36 @@ impl GrblDrive {
                     self.fail(&what);
                 }
             }
+            MachineState::Hold(_) if self.homed => self.pause(),
             other => {
                 if self.fault.is_none() && self.clearing.is_none() {
                     self.fail(&format!("the controller {}", standing_in(other)));
                 }
             }
         }
+    }
+
+    /// Somebody pressed feed hold at the controller: the axes stand until a person releases them, and keep their zeros.
+    fn pause(&mut self) {
+        if self.fault.is_some() || self.clearing.is_some() {
+            return;
+        }
+        self.rest();
+        self.paused = true;
+        let text = "the controller is in feed hold: look at why, then release it; it goes on, and its zeros are kept";
+        self.tell(DriveEventKind::Alarm, text);
+        self.fault = Some(text.to_owned());
+    }
+
+    /// A feed hold is over, by a person's word.
+    pub(crate) fn resumed(&mut self) {
+        self.clearing = None;
+        self.paused = false;
+        self.fault = None;
+        self.tell(
+            DriveEventKind::Note,
+            "the controller goes on after its feed hold",
+        );
     }
 
     fn follow_progress(&mut self, reported: &Reported, units: &Values, at_s: f64) {
@@ -395,8 +422,11 @@ impl GrblDrive {
 
     /// Give up what takes too long.
     pub(crate) fn watch_clearing(&mut self) {
-        let (Some(Clearing::Reset { since_s }) | Some(Clearing::Unlock { since_s })) =
-            self.clearing
+        let Some(
+            Clearing::Reset { since_s }
+            | Clearing::Unlock { since_s }
+            | Clearing::Resume { since_s },
+        ) = self.clearing
         else {
             return;
         };

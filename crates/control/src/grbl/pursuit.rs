@@ -15,7 +15,7 @@ const LEG_S: f64 = 0.02;
 /// From sending a leg to its start when the controller stands, s: the line, the parser.
 const START_S: f64 = 0.008;
 /// Legs on their way at most; the planner holds 15 or more.
-const LEGS_MAX: usize = 13;
+pub(crate) const LEGS_MAX: usize = 13;
 /// A leg in which no axis moves by this part of a step is not worth sending.
 const STEP_PART: f64 = 0.5;
 /// A reported position may be off the queue by the way of this time at full speed, s, and a few steps.
@@ -157,6 +157,10 @@ impl Pursuit {
                 *wish = Wish::Stay;
             }
         }
+    }
+
+    pub(crate) fn legs(&self) -> usize {
+        self.legs.len()
     }
 
     pub(crate) fn has_legs(&self) -> bool {

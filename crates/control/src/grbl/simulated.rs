@@ -34,6 +34,8 @@ use truth::Truth;
 const LINE_MAX: usize = 79;
 /// A program that does not read loses the oldest of what was said beyond this, lines.
 const UNREAD_MAX: usize = 4096;
+/// A board that is reset hears nothing for this long, s.
+const RESET_S: f64 = 0.065;
 /// Opens the safety door by command.
 const DOOR: u8 = 0x84;
 
@@ -52,6 +54,9 @@ pub struct SimulatedGrblConfig {
     pub boot_s: f64,
     /// Whether opening the port resets it, as it does most Arduino boards.
     pub reset_on_open: bool,
+    /// How long a boot loader waits for an upload once it has heard a byte, and after each further one, s; 0 without such a boot loader. That of the boards with an
+    /// ATmega2560 waits some 8 s, other boards' give up at once.
+    pub bootloader_s: f64,
     /// Where the axes truly stand when it is switched on, machine units.
     pub start: Units,
     /// For answer times and faults.
@@ -69,6 +74,7 @@ impl SimulatedGrblConfig {
             planner_blocks: 15,
             boot_s: 0.05,
             reset_on_open: false,
+            bootloader_s: 0.0,
             start,
             seed: 1,
         }
@@ -136,6 +142,8 @@ pub struct SimulatedGrbl {
     shift: Units,
     clock_s: f64,
     boots_s: f64,
+    /// Since when the boot loader listens, s.
+    loads_s: f64,
     arriving: VecDeque<(f64, u8)>,
     arrived_s: f64,
     ring: VecDeque<u8>,
@@ -169,6 +177,7 @@ impl SimulatedGrbl {
             shift: [0.0; AXES_MAX],
             clock_s: now_s,
             boots_s: now_s + config.boot_s,
+            loads_s: now_s + RESET_S,
             arriving: VecDeque::new(),
             arrived_s: now_s,
             ring: VecDeque::new(),
@@ -445,7 +454,13 @@ impl SimulatedGrbl {
     }
 
     fn take_byte(&mut self, byte: u8) {
-        if self.state == State::Off || self.clock_s < self.faults.silent_until_s {
+        if self.clock_s < self.faults.silent_until_s {
+            return;
+        }
+        if self.state == State::Off {
+            if self.config.bootloader_s > 0.0 && self.clock_s > self.loads_s {
+                self.boots_s = self.boots_s.max(self.clock_s + self.config.bootloader_s);
+            }
             return;
         }
         match byte {
@@ -610,6 +625,7 @@ impl SimulatedGrbl {
         self.said.clear();
         self.said_s = now_s;
         self.boots_s = now_s + for_s + self.config.boot_s;
+        self.loads_s = now_s + for_s + RESET_S;
     }
 }
 

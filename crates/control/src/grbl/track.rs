@@ -7,7 +7,7 @@ use crate::grbl::facts::{DRIVEN, Values};
 /// History kept, s.
 const KEPT_S: f64 = 2.0;
 /// Reports kept at most.
-const KEPT_MAX: usize = 512;
+pub(crate) const KEPT_MAX: usize = 512;
 /// A moving axis is foreseen for this long after its last report, s.
 const MOVING_FORESEEN_S: f64 = 0.12;
 /// A standing one, s.
@@ -45,6 +45,10 @@ impl Track {
 
     pub(crate) fn clear(&mut self) {
         self.places.clear();
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.places.len()
     }
 
     pub(crate) fn newest(&self) -> Option<&Place> {

@@ -267,6 +267,7 @@ fn other_controllers() {
         rig.drive.link()
     );
     assert!(!rig.drive.turn_focus(0.5), "not homed");
+    assert_eq!(rig.drive.focused_m(), None);
     rig.drive.focus(2.0, rig.now_s);
     rig.drive.home(rig.now_s).unwrap();
     assert_eq!(rig.drive.states(), [AxisState::Held; 4]);
@@ -304,6 +305,9 @@ fn other_controllers() {
         rig.run(3.0, Some(&slow));
         let counter = rig.grbl.lock().counters(rig.now_s)[0];
         assert!((counter - units).abs() < 0.02, "{distance_m}: {counter}");
+        let focused_m = rig.drive.focused_m().unwrap();
+        let (told, meant) = (1.0 / focused_m, (1.0 / distance_m).min(1.0));
+        assert!((told - meant).abs() < 0.004, "{distance_m}: {focused_m}");
     }
     // Held with the others, on its way.
     rig.drive.focus(10.0, rig.now_s);

@@ -3,7 +3,7 @@
 
 use crate::grbl_rig::{Rig, UPDATE_S, zigzag};
 use vergence_control::grbl::{GrblConfig, GrblFault, SimulatedGrblConfig, Way};
-use vergence_control::{AxisCommand, AxisSetpoint, AxisState, Drive, HeadConfig, Link};
+use vergence_control::{AxisCommand, AxisName, AxisSetpoint, AxisState, Drive, HeadConfig, Link};
 
 /// Stuck is no controller's business, but truth and counter part, and homing ends with an alarm.
 #[test]
@@ -99,6 +99,76 @@ fn a_lost_order_to_home_is_noticed() {
     let told = |e: &vergence_control::DriveEvent| e.text.contains("homing did not begin");
     assert!(rig.events.iter().any(told), "{:?}", rig.events);
     rig.recover();
+}
+
+/// The boot loader of a board with an ATmega2560 takes any byte for the begin of an upload: a board that opening its port resets is heard all the same, and so is
+/// one whose supply drops while it is asked for reports.
+#[test]
+fn a_boot_loader_that_waits_for_an_upload_is_left_alone() {
+    let mut config = SimulatedGrblConfig::for_rig(&HeadConfig::default());
+    (config.reset_on_open, config.boot_s) = (true, 1.2);
+    config.bootloader_s = 8.0;
+    let mut rig = Rig::with(config, GrblConfig::default());
+    rig.run(2.0, None);
+    assert!(
+        matches!(rig.drive.link(), Link::Up { .. }),
+        "{:?}",
+        rig.drive.link()
+    );
+    rig.recover();
+    let now_s = rig.now_s;
+    rig.grbl
+        .lock()
+        .fault(GrblFault::BrownOut { for_s: 0.2 }, now_s);
+    rig.run(5.0, None);
+    assert!(matches!(rig.drive.link(), Link::Down { .. }));
+    rig.run(10.0, None);
+    assert!(
+        matches!(rig.drive.link(), Link::Up { .. }),
+        "{:?}",
+        rig.drive.link()
+    );
+    assert_eq!(rig.drive.states(), [AxisState::Unhomed; 4]);
+    rig.recover();
+}
+
+/// Somebody presses feed hold at the controller while the axes stand: they are at fault until a person releases them, and need not be homed; also when the
+/// hold was ended at the controller first.
+#[test]
+fn a_feed_hold_at_the_controller_keeps_the_zeros() {
+    let mut rig = Rig::homed();
+    let path = |t: f64| [(-0.02 * (t - 5.0).sin().abs() - 0.1, 0.0); 4];
+    for ended_there in [false, true] {
+        rig.run(1.0, Some(&path));
+        let now_s = rig.now_s;
+        assert!(rig.drive.hold(now_s).iter().all(Result::is_ok));
+        rig.run(0.5, None);
+        let before = rig.drive.reading(AxisName::Pan, rig.now_s).unwrap();
+        rig.grbl.lock().receive(b"!", rig.now_s);
+        rig.run(0.3, None);
+        assert_eq!(rig.drive.states(), [AxisState::Fault; 4]);
+        let told = rig.drive.fault().unwrap();
+        assert!(
+            told.contains("feed hold") && told.contains("kept"),
+            "{told}"
+        );
+        rig.run(0.3, Some(&path));
+        assert_eq!(rig.speed(), 0.0);
+        if ended_there {
+            rig.grbl.lock().receive(b"~", rig.now_s);
+            rig.run(0.3, None);
+            assert_eq!(rig.drive.states(), [AxisState::Fault; 4]);
+        }
+        rig.drive.clear(rig.now_s).unwrap();
+        rig.run(0.3, None);
+        assert_eq!(rig.drive.states(), [AxisState::Held; 4], "{:?}", rig.events);
+        let after = rig.drive.reading(AxisName::Pan, rig.now_s).unwrap();
+        assert!((after.position_rad - before.position_rad).abs() < 1e-6);
+    }
+    rig.run(1.0, Some(&path));
+    let reading = rig.drive.reading(AxisName::Tilt, rig.now_s).unwrap();
+    assert!((reading.position_rad - path(rig.now_s)[1].0).abs() < 2e-3);
+    assert_eq!(rig.grbl.lock().resets(), 1);
 }
 
 /// Faults by name, and whether the axes then need a person's word.
