@@ -231,7 +231,13 @@ impl Servo {
         }
         self.follower.disown();
         report.sighting = None;
-        report.state = FollowState::Occluded;
+        report.state = match self.follower.state() {
+            FollowState::Searching => {
+                self.target.forget();
+                FollowState::Searching
+            }
+            _ => FollowState::Occluded,
+        };
         None
     }
 

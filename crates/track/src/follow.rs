@@ -48,6 +48,12 @@ const BLIND_S: f64 = 0.7;
 /// ... and not just slow.
 const BLIND_PERIODS: f64 = 3.0;
 
+/// A target that is out of sight again sooner than this after it was found, s, was none.
+const FLEETING_S: f64 = 0.3;
+
+/// A target is looked for so many times as long as it was followed.
+const PATIENCE: f64 = 3.0;
+
 /// Whether a source of pictures was blind for a while, so that what was followed was hidden meanwhile and has to be looked for anew: `pause_s` is the
 /// time between its last two pictures, s, and `before_s` that between the two before, its period.
 pub fn was_blind(pause_s: f64, before_s: f64) -> bool {
@@ -63,8 +69,8 @@ pub struct FollowSettings {
     /// How long the target's motion is extrapolated once it is out of sight, s, and its place believed; then whoever looks like it may be it
     /// anywhere. As long as the control law follows a prediction (its own `coast_s`).
     pub coast_s: f64,
-    /// How long a lost target is looked for before any moving person becomes the target, s; infinite for never. A
-    /// target given by a box is never exchanged.
+    /// How long a lost target is looked for before any moving person becomes the target, s; infinite for never. One that was followed for a moment only is
+    /// looked for less long, but at least for `coast_s`: three times as long as it was followed. A target given by a box is never exchanged.
     pub forget_s: f64,
     /// For how long something must be seen moving before it is a target, s.
     pub confirm_s: f64,
@@ -98,6 +104,8 @@ pub struct Follower {
     seen_s: f64,
     hidden_s: f64,
     since_lock_s: f64,
+    /// For how long it has been in sight since it was found, s.
+    followed_s: f64,
     agreeing: u32,
     note: Option<RangeNote>,
     /// Share of the last second's frames in which the torso could be ranged, and how many in a row could not.
@@ -133,6 +141,7 @@ impl Follower {
             seen_s: 0.0,
             hidden_s: 0.0,
             since_lock_s: 0.0,
+            followed_s: 0.0,
             agreeing: 0,
             note: None,
             rangeable: 0.0,
@@ -201,10 +210,19 @@ impl Follower {
     pub fn disown(&mut self) {
         if self.state == FollowState::Tracking {
             self.note = None;
+            if self.is_fleeting() {
+                self.release();
+                return;
+            }
             self.lose();
             // Whatever is seen next is doubted by whoever disowned this, and need not wait for a second frame here.
             self.agreeing = 1;
         }
+    }
+
+    /// Whether the target is out of sight right after it was found: then it was none.
+    fn is_fleeting(&self) -> bool {
+        self.since_lock_s < FLEETING_S && self.exchangeable
     }
 
     /// From sight to hidden; a target on probation was never seen, and is as lost as before.
@@ -393,6 +411,7 @@ impl Follower {
         self.state = FollowState::Tracking;
         self.seen_s = seen.time_s;
         self.since_lock_s = 0.0;
+        self.followed_s = 0.0;
         self.note = None;
         self.rangeable = if range.is_some() { 1.0 } else { 0.0 };
         self.unranged = 0;
@@ -437,6 +456,7 @@ impl Follower {
         });
         match judged {
             Ok(found) => {
+                self.followed_s += dt;
                 let found = self.settle(seen, found, dt);
                 if self.undo.as_mut().is_some_and(|undo| undo.is_over()) {
                     self.undo = None;
@@ -462,8 +482,7 @@ impl Follower {
         self.note = None;
         self.agreeing = 0;
         if self.state == FollowState::Tracking {
-            // A target that fades right after it was found was none.
-            if self.since_lock_s < 0.3 && self.exchangeable {
+            if self.is_fleeting() {
                 self.release();
                 return self.without_target(reason, None);
             }
@@ -478,13 +497,24 @@ impl Follower {
         self.without_target(reason, place)
     }
 
+    /// For how long a lost target is looked for, s.
+    fn patience_s(&self) -> f64 {
+        let FollowSettings {
+            coast_s, forget_s, ..
+        } = self.settings;
+        match forget_s.is_finite() {
+            true => (PATIENCE * self.followed_s).max(coast_s).min(forget_s),
+            false => forget_s,
+        }
+    }
+
     /// A target that is out of sight is lost after a while, then forgotten; whether it is.
     fn fade(&mut self, now_s: f64) -> bool {
         let gone_s = now_s - self.hidden_s;
         if self.state == FollowState::Occluded && gone_s > self.settings.coast_s {
             self.state = FollowState::Lost;
         }
-        let forgotten = gone_s > self.settings.forget_s && self.exchangeable;
+        let forgotten = gone_s > self.patience_s() && self.exchangeable;
         if forgotten {
             self.release();
         }

@@ -393,6 +393,36 @@ fn what_looks_like_the_target_twice_does_not_hide_it() {
     assert!(found.is_some_and(|i| i < 45), "{found:?}");
 }
 
+/// What is disowned right after it was found was nobody; and who was followed for half a second only is looked for for 1.5 s, not for six: then whoever moves
+/// is the target.
+#[test]
+fn who_was_hardly_followed_is_hardly_waited_for() {
+    let angles = HeadAngles::default();
+    let first = |t: f64| Point3::new(-1.3 + 0.9 * t, 0.0, 5.0);
+    for (followed_s, waited_s) in [(0.1, 0.0), (0.5, 1.5)] {
+        let mut stage = Stage::new();
+        let mut follower = Follower::new(FollowSettings::default());
+        let mut seen_s = 0.0;
+        let mut t = 0.0;
+        while seen_s < followed_s {
+            let report = stage.step(&mut follower, &angles, &[person(first(t))]);
+            seen_s += f64::from(u8::from(report.sighting.is_some())) / FPS;
+            t += 1.0 / FPS;
+        }
+        if followed_s < 0.2 {
+            follower.disown();
+            assert_eq!(follower.state(), FollowState::Searching);
+            continue;
+        }
+        let gone = (0..40).find(|_| {
+            let report = stage.step(&mut follower, &angles, &[]);
+            report.state == FollowState::Searching
+        });
+        let gone_s = f64::from(gone.unwrap()) / FPS;
+        assert!((gone_s - waited_s).abs() < 0.25, "{followed_s}: {gone_s}");
+    }
+}
+
 /// A given box starts the follower on the first frame; the same input gives the same answers.
 #[test]
 fn given_box_starts_at_once_and_runs_repeat() {
