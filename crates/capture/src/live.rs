@@ -5,6 +5,8 @@
 //! held for ever: [`crate::Source::next_within`] comes back without a pair when none is there in time, and [`crate::Source::liveness`] says which
 //! camera is to blame.
 
+mod abilities;
+mod agreed;
 #[cfg(test)]
 mod arbitrary;
 mod camera;
@@ -35,6 +37,8 @@ use nalgebra::Isometry3;
 use vergence_calib::RigCalibration;
 use vergence_geometry::{Camera, Distortion, Eye, Intrinsics};
 
+pub use abilities::{Abilities, ControlOffer, FormatOffer, SizeOffer, reads_devices};
+pub use agreed::{Agreement, CameraMode, LockedControl};
 pub use reader::CameraCounts;
 pub use settings::{
     LiveConfig, LiveInput, LiveKind, PixelFormat, Transport, V4l2Controls, V4l2Settings,
@@ -120,6 +124,7 @@ pub struct LiveSource {
     threads: Vec<JoinHandle<()>>,
     names: [String; 2],
     remarks: Vec<String>,
+    agreement: Agreement,
     patience_s: f64,
     pairer: Pairer<LiveFrame>,
     frozen_after: u32,
@@ -181,6 +186,7 @@ impl LiveSource {
             shared: Arc::clone(&shared),
             threads: Vec::new(),
             names,
+            agreement: opened.agreement(),
             remarks: opened.remarks,
             patience_s: config.patience_s,
             pairer: Pairer::new(PairingLimits::for_fps(1.0))?,
@@ -295,6 +301,9 @@ impl LiveSource {
                 "{} gives {}x{} pixels, {} {}x{}; set both to one size",
                 self.names[0], sizes[0].0, sizes[0].1, self.names[1], sizes[1].0, sizes[1].1
             )));
+        }
+        for (mode, size) in self.agreement.modes.iter_mut().zip(sizes) {
+            mode.size = size;
         }
         match rig {
             LiveRig::Fixed(calibration) => {

@@ -23,6 +23,7 @@ use vergence_calib::{
 use vergence_capture::TwinConfig;
 
 use crate::args::Global;
+use crate::cameras::LiveChoice;
 use crate::fault::{self, Fault};
 use crate::output::{self, Format};
 
@@ -144,7 +145,7 @@ pub(crate) struct CalibrateArgs {
     times: Option<PathBuf>,
     /// Calibrate live cameras: --left and --right (or --device) are devices or URLs, pairs are made by time.
     #[arg(long, value_enum, value_name = "KIND", conflicts_with_all = ["camera", "motors", "times"], help_heading = "Cameras")]
-    source: Option<live::LiveChoice>,
+    source: Option<LiveChoice>,
     /// Size of a video device's pictures [default: 640x480].
     #[arg(
         long,

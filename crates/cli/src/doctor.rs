@@ -1,15 +1,20 @@
 //! `vergence doctor`: what is there, what it can do, and what to do about whatever is wrong.
 
+mod abilities;
 mod cameras;
 mod clock;
 mod controllers;
 mod files;
+mod findings;
+mod live;
 mod machine;
 mod serial;
 
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use vergence_capture::LiveStatistics;
+use vergence_capture::live::{Abilities, reads_devices};
 
 use crate::args::Global;
 use crate::fault;
@@ -18,10 +23,16 @@ use crate::output::{self, Format};
 use crate::rig;
 use crate::settings::Settings;
 
+use live::{Look, LookArgs};
+
 /// What the command does, for its manual page.
 pub(crate) const LONG: &str = "\
 Look at this machine and at the rig that hangs on it: cameras, serial ports, motion controllers, permissions, programs, clock, disk, speed, settings and \
 calibration. Says what each thing is and what it can do, and for each thing that is wrong what to do next.
+
+Video devices are asked what they can do (formats, sizes, rates, controls) where the program was built with the feature v4l2; none is started. With --source \
+two cameras are opened as `vergence run` would open them and watched for 3 s: what each sends and in which size, which controls are locked to the same values, the \
+rate beside the nominal one, jitter, lost, late and torn pictures, and between the two skew and steady offset.
 
 Nothing moves, and no serial port is opened unless it is named (--motors grbl:PORT) or --probe is given: opening a port restarts many boards. A machine \
 without cameras and motors is no fault: `vergence run` drives the simulated rig there. Whatever is named must be there.";
@@ -31,6 +42,8 @@ Examples:
   vergence doctor
   vergence doctor --motors linuxcnc:127.0.0.1:5007 --calibration machine.toml
   vergence doctor --probe
+  vergence doctor --source v4l2 --left /dev/video0 --right /dev/video2 --size 1280x720 --fps 30
+  vergence doctor --source rtsp --left rtsp://10.0.0.7/main --right rtsp://10.0.0.8/main --seconds 10s --calibration rig.toml
   vergence doctor --format json | jq '.checks[] | select(.status == \"wrong\")'
 
 Exit code 0: nothing is wrong; 1: something is; 2: the call cannot be answered as typed.
@@ -46,7 +59,7 @@ pub(crate) struct DoctorArgs {
     /// Ask every serial port for a Grbl; opening a port restarts many boards.
     #[arg(long)]
     probe: bool,
-    /// A calibration that must be readable and fit the settings' cameras.
+    /// A calibration that must be readable and fit the cameras of --source, else those of the settings.
     #[arg(long, value_name = "FILE")]
     calibration: Option<PathBuf>,
     /// Do not measure how fast the loop is, which takes about two seconds.
@@ -55,6 +68,8 @@ pub(crate) struct DoctorArgs {
     /// How to print the answer.
     #[arg(long, value_enum, default_value_t)]
     format: Format,
+    #[command(flatten)]
+    look: LookArgs,
 }
 
 /// How a thing is.
@@ -72,7 +87,7 @@ pub(crate) enum Status {
 /// One thing that was looked at.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Check {
-    /// What kind of thing: `cameras`, `serial`, `controllers`, `programs`, `clock`, `disk`, `processor`, `settings`, `calibration`.
+    /// What kind of thing: `cameras`, `serial ports`, `controllers`, `programs`, `clock`, `disk`, `processor`, `settings`, `calibration`.
     pub(crate) group: &'static str,
     /// Which one.
     pub(crate) item: String,
@@ -113,6 +128,8 @@ struct Answer<'a> {
     wrong: usize,
     notes: usize,
     checks: &'a [Check],
+    /// What was measured of the cameras of `--source`.
+    cameras: Option<&'a LiveStatistics>,
 }
 
 /// Where the machine's devices are told of; another place in tests.
@@ -143,7 +160,8 @@ pub(crate) fn run(global: &Global, args: &DoctorArgs) -> anyhow::Result<()> {
     );
     let settings = global.settings(&flags)?;
     let spec = MotorsSpec::from_settings(&settings)?;
-    let checks = checks(args, &settings, &spec)?;
+    let look = args.look.look()?;
+    let (checks, seen) = checks(args, &settings, &spec, look.as_ref())?;
     let count = |status| checks.iter().filter(|c| c.status == status).count();
     let (wrong, notes) = (count(Status::Wrong), count(Status::Note));
     match args.format {
@@ -153,6 +171,7 @@ pub(crate) fn run(global: &Global, args: &DoctorArgs) -> anyhow::Result<()> {
             wrong,
             notes,
             checks: &checks,
+            cameras: seen.as_ref(),
         })?,
     }
     match wrong {
@@ -162,7 +181,12 @@ pub(crate) fn run(global: &Global, args: &DoctorArgs) -> anyhow::Result<()> {
     }
 }
 
-fn checks(args: &DoctorArgs, settings: &Settings, spec: &MotorsSpec) -> anyhow::Result<Vec<Check>> {
+fn checks(
+    args: &DoctorArgs,
+    settings: &Settings,
+    spec: &MotorsSpec,
+    look: Option<&Look>,
+) -> anyhow::Result<(Vec<Check>, Option<LiveStatistics>)> {
     let places = Places::default();
     let twin = crate::twin::config(settings)?;
     let mut checks = vec![Check::new(
@@ -171,19 +195,44 @@ fn checks(args: &DoctorArgs, settings: &Settings, spec: &MotorsSpec) -> anyhow::
         Status::Good,
         "all settings are in range; `vergence config` prints them",
     )];
-    checks.extend(cameras::checks(&places));
+    let named = args.calibration.as_deref().map(files::calibration);
+    let calibrated = named.as_ref().and_then(|named| named.as_ref().ok());
+    checks.extend(connected(&places, look));
+    let looked = look.map(|look| look.at(calibrated.map(|c| c.size)));
+    let (seen, size) = match looked {
+        Some(looked) => {
+            checks.extend(looked.checks);
+            (looked.statistics, looked.size)
+        }
+        None => (None, None),
+    };
     let ports = serial::ports(&places);
     checks.extend(serial::checks(&ports));
     checks.extend(controllers::checks(spec, settings, &ports, args.probe));
-    checks.extend(files::calibration(
-        args.calibration.as_deref(),
-        &twin.cameras[0].camera,
-    ));
+    let k = twin.cameras[0].camera.intrinsics;
+    checks.push(match named {
+        None => files::no_calibration(),
+        Some(Err(wrong)) => wrong,
+        Some(Ok(calibrated)) if look.is_some() => calibrated.for_cameras(size),
+        Some(Ok(calibrated)) => calibrated.for_settings((k.width, k.height)),
+    });
     checks.push(files::disk(Path::new(settings.word("run.out"))));
     checks.extend(machine::programs());
     checks.extend(clock::checks());
     checks.extend(machine::processor(&twin, !args.no_speed));
-    Ok(checks)
+    Ok((checks, seen))
+}
+
+/// The cameras that the kernel knows. Those that are looked at say by themselves what they can do.
+fn connected(places: &Places, look: Option<&Look>) -> Vec<Check> {
+    let ask_each = reads_devices() && !look.is_some_and(Look::at_devices);
+    let ask = |path: &Path| ask_each.then(|| Abilities::of(path));
+    let mut checks = cameras::checks(places, &ask);
+    match look {
+        None => checks.extend(cameras::further(&checks)),
+        Some(_) => checks.retain(|check| check.item != cameras::NONE),
+    }
+    checks
 }
 
 /// The checks by group, each with a mark, and what to do below it.

@@ -11,7 +11,7 @@ pub(crate) enum Kind {
     Failed,
     /// The call cannot be answered as it was typed (flags, settings, input files): exit code 2.
     Usage,
-    /// Ctrl-C or SIGTERM ended the work early: exit code 130, as of a program that SIGINT ends.
+    /// Ctrl-C, SIGTERM or SIGHUP ended the work early: exit code 130, as of a program that SIGINT ends.
     Interrupted,
 }
 
@@ -41,7 +41,7 @@ pub(crate) fn failed(message: impl Into<String>) -> Fault {
     }
 }
 
-/// Ctrl-C or SIGTERM ended the work early.
+/// Ctrl-C, SIGTERM or SIGHUP ended the work early.
 pub(crate) fn interrupted(message: impl Into<String>) -> Fault {
     Fault {
         kind: Kind::Interrupted,
@@ -61,6 +61,12 @@ impl Fault {
     pub(crate) fn hint(mut self, hint: impl Into<String>) -> Self {
         self.hint = Some(hint.into());
         self
+    }
+
+    /// What to do about it, where that is known.
+    #[cfg(test)]
+    pub(crate) fn remedy(&self) -> Option<&str> {
+        self.hint.as_deref()
     }
 }
 

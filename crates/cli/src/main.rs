@@ -6,6 +6,7 @@
 mod args;
 mod calibrate;
 mod calibration;
+mod cameras;
 mod config;
 mod depth;
 mod doctor;

@@ -187,7 +187,7 @@ impl Hand {
     pub(crate) fn release(&mut self) -> anyhow::Result<()> {
         self.live.clear(0.0)?;
         let start = Instant::now();
-        while self.has_fault() || matches!(self.live.link(), Link::Down { .. }) {
+        while self.has_fault() || !self.is_known() {
             self.look_on()?;
             if start.elapsed() > RELEASE_MOST {
                 return Err(fault::failed(format!(
@@ -205,6 +205,12 @@ impl Hand {
     /// Whether only a person may let it go on.
     pub(crate) fn has_fault(&self) -> bool {
         self.live.needs_release() || self.live.states().contains(&AxisState::Fault)
+    }
+
+    /// Whether it answers and says where its axes stand.
+    fn is_known(&self) -> bool {
+        let up = matches!(self.live.link(), Link::Up { .. });
+        up && self.live.angles_at(self.live.now_s()).is_ok()
     }
 
     pub(crate) fn is_stopped(&self) -> bool {

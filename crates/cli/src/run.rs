@@ -1,6 +1,7 @@
 //! `vergence run`: hold a walking person at zero parallax, on the simulated rig or on real footage.
 
 pub(crate) mod build;
+mod cameras;
 mod check;
 mod feed;
 mod folder;
@@ -43,7 +44,7 @@ motors (pan, tilt, left and right vergence) keep both cameras on it.
 
 Without flags: the simulated rig (the twin) in real time. A person walks from 10 m to 1 m towards two cameras of 1024x768 at 30 fps; in mode \
 auto the axes stay parallel beyond the planner's threshold by plan.rule (seen depth: 6.65 to 7.35 m on the default rig) and converge nearer than it. \
-A live line shows time, state, distance, vergence angle, parallax (+ behind the screen), mode, frame rate and latency.
+A live line shows time, state, distance, vergence angle, parallax (+ behind the screen), mode, frame rate and latency, and what was lost, late or doubled.
 
 With --motors another controller turns the axes, and the twin renders what its cameras would see where that controller's axes stand, in real time. The axes \
 must be homed (`vergence home`).
@@ -76,7 +77,7 @@ Examples:
 
 Paths: walk, cross, zigzag, stop-and-go, occlude, two, or a CSV file of waypoints (time_s,x_m,z_m or x_m,z_m,speed_m_s).
 --fast gives the same results as real time, bit for bit: the twin runs on simulated time, and wall time is only reported.
-Lengths of 1 px of disparity: 0.041 degrees of vergence; on the default screen 0.23 mm. Ctrl-C ends a run early: axes first, then its files.
+Lengths of 1 px of disparity: 0.041 degrees of vergence; on the default screen 0.23 mm. Ctrl-C (SIGTERM, a lost terminal) ends a run early: axes first, then its files.
 docs/reference-run.md describes every field of summary.json and every column of frames.csv.";
 
 /// Where pairs come from.
@@ -223,7 +224,7 @@ pub(crate) fn run(global: &Global, args: &RunArgs) -> anyhow::Result<()> {
     outcome.failure.map_or(Ok(()), Err)
 }
 
-/// A flag that Ctrl-C and SIGTERM set; a second one ends the program at once. For what moves nothing.
+/// A flag that Ctrl-C, SIGTERM and a lost terminal set; a second signal ends the program at once. For what moves nothing.
 pub(crate) fn stop_on_signals() -> anyhow::Result<Arc<AtomicBool>> {
     let stop = Stop::listen()?;
     stop.let_go()?;

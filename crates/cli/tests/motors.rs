@@ -258,9 +258,11 @@ fn a_standing_controller_is_told_and_released() {
         let patient = ["--motors", &motors, "--set", "motors.grbl.silence=3s"];
         place.run(&[args, &patient].concat())
     };
-    grbl.lock().receive(b"$X\n", clock());
-    std::thread::sleep(std::time::Duration::from_millis(200));
-    grbl.lock().receive(b"!", clock());
+    // It starts, is unlocked, and held.
+    for bytes in [&b""[..], b"$X\n", b"!"] {
+        grbl.lock().receive(bytes, clock());
+        std::thread::sleep(std::time::Duration::from_millis(200));
+    }
     let release = format!("vergence home --motors {motors}");
     for args in [
         &["doctor", "--no-speed"][..],

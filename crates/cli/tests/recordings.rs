@@ -1,5 +1,6 @@
 //! Proves, with the real program on a small twin: a run records, `info` finds the file whole, a lossless recording replays bit for bit, the same seed
-//! gives the same bytes, `export` writes every pair and number, hostile files are refused in a sentence. Real disks and real time are measured by hand.
+//! gives the same bytes, `export` writes every pair and number and a film of them, hostile files are refused in a sentence. Real disks are measured by
+//! hand; runs that are killed are in `run_faults.rs`.
 
 // Helper functions outside `#[test]` fail the test as the tests themselves do.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is the failure")]
@@ -8,7 +9,7 @@ mod running;
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Output;
+use std::process::{self, Output};
 
 fn vergence(args: &[&str]) -> Output {
     running::command(args).output().unwrap()
@@ -202,6 +203,131 @@ fn an_export_leaves_other_folders_alone() {
     fs::remove_dir_all(&mine).unwrap();
     assert!(vergence(&args).status.success());
     assert!(out.is_dir() && !mine.exists());
+}
+
+/// Whether a film can be made and looked at here; says so when not.
+#[cfg(unix)]
+fn has_ffmpeg() -> bool {
+    let there = ["ffmpeg", "ffprobe"]
+        .map(|name| process::Command::new(name).arg("-version").output().is_ok());
+    if there != [true; 2] {
+        println!("skipped: no ffmpeg and ffprobe");
+    }
+    there == [true; 2]
+}
+
+/// What ffprobe says of the film: width, height, pictures, and duration in s.
+#[cfg(unix)]
+fn probed(film: &Path) -> [f64; 4] {
+    let mut probe = process::Command::new("ffprobe");
+    probe.args(["-v", "error", "-select_streams", "v:0", "-count_packets"]);
+    let fields = "stream=width,height,nb_read_packets,duration";
+    probe
+        .args(["-show_entries", fields, "-of", "json"])
+        .arg(film);
+    let output = probe.output().unwrap();
+    assert!(output.status.success(), "{output:?}");
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let stream = &found["streams"][0];
+    // Some are numbers, some are words that are numbers.
+    let number = |name: &str| match &stream[name] {
+        serde_json::Value::String(text) => text.parse().unwrap(),
+        value => value.as_f64().unwrap_or_else(|| panic!("{name}: {found}")),
+    };
+    ["width", "height", "nb_read_packets", "duration"].map(number)
+}
+
+/// `vergence export` where `PATH` is this folder; what it says.
+#[cfg(unix)]
+fn exported_on(path: &Path, file: &Path, out: &Path) -> (Output, String) {
+    let [file, out] = [file, out].map(|p| p.to_str().unwrap());
+    let mut export = running::command(&["export", file, "--out", out, "--format", "json"]);
+    let output = export.env("PATH", path).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    (output, said)
+}
+
+/// A program of this name for which the shell does what `script` says.
+#[cfg(unix)]
+fn program(path: &Path, script: &str) {
+    use std::os::unix::fs::PermissionsExt as _;
+    fs::write(path, format!("#!/bin/sh\n{script}\n")).unwrap();
+    fs::set_permissions(path, fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+/// The film has both eyes side by side, a picture for every pair, and lasts as long as the pairs; so it does with an older ffmpeg, whose option has another
+/// name. Where ffmpeg is not there, or fails, one sentence says so, everything else is written, and nothing is half-written.
+#[cfg(unix)]
+#[test]
+fn an_export_makes_a_film() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = recorded(&folder.path().join("a"), "jpeg");
+    let programs = folder.path().join("programs");
+    fs::create_dir(&programs).unwrap();
+    for (name, script, why) in [
+        (
+            "none",
+            None,
+            "no video: the ffmpeg program is not installed",
+        ),
+        (
+            "failing",
+            Some(
+                "echo half > \"$(eval echo \\${$#})\"; echo first >&2; echo 'no room' >&2; exit 1",
+            ),
+            "no video: ffmpeg failed: no room",
+        ),
+    ] {
+        if let Some(script) = script {
+            program(&programs.join("ffmpeg"), script);
+        }
+        let out = folder.path().join(name);
+        let (output, said) = exported_on(&programs, &file, &out);
+        assert!(output.status.success(), "{said}");
+        assert_eq!(said, format!("{why}\nwrote {}\n", out.display()));
+        let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(
+            (&told["video"], &told["remarks"][0]),
+            (&false.into(), &why.into())
+        );
+        let mut names: Vec<_> = (fs::read_dir(&out).unwrap())
+            .map(|e| e.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        let wanted = ["facts.json", "left", "numbers", "right", "settings.toml"];
+        assert_eq!(names, wanted);
+        let partial = folder.path().join(format!("{name}.partial"));
+        assert!(!partial.exists());
+    }
+    if !has_ffmpeg() {
+        return;
+    }
+    let usual = std::env::var("PATH").unwrap();
+    let older = format!(
+        "PATH='{usual}'\ncase \"$*\" in *fps_mode*) echo \"Unrecognized option 'fps_mode'.\" >&2; echo 'Option not found' >&2; exit 1;; esac\nexec ffmpeg \"$@\""
+    );
+    program(&programs.join("ffmpeg"), &older);
+    for (name, path) in [("film", Path::new(&usual)), ("older", &programs)] {
+        let out = folder.path().join(name);
+        let (output, said) = exported_on(path, &file, &out);
+        assert!(output.status.success(), "{said}");
+        assert_eq!(said, format!("wrote {}\n", out.display()));
+        let pairs = fs::read_to_string(out.join("numbers/pair.csv")).unwrap();
+        let taken_s: Vec<f64> = (pairs.lines().skip(1))
+            .map(|line| line.split(',').nth(1).unwrap().parse().unwrap())
+            .collect();
+        let seconds = taken_s.last().unwrap() - taken_s[0];
+        let [width, height, pictures, duration_s] = probed(&out.join("side_by_side.mp4"));
+        assert_eq!([width, height], [2.0 * 512.0, 384.0]);
+        assert_eq!(pictures, taken_s.len() as f64);
+        // Versions differ in whether the last picture has a time of its own, a thirtieth of a second.
+        let more_s = duration_s - seconds;
+        assert!(
+            (-0.002..0.036).contains(&more_s),
+            "{duration_s} s, not {seconds} s"
+        );
+        assert!(!out.join("left.txt").exists() && !out.join("right.txt").exists());
+    }
 }
 
 /// `vergence` where no file may grow beyond so many blocks of 512 bytes: a disk that is full, or fills up.

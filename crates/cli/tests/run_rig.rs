@@ -1,6 +1,6 @@
 //! `vergence run` with cameras that stand on motors: two live streams through `ffmpeg` and a Grbl controller on a pseudo-terminal, both simulated by the test in
 //! real time (`table`). Proves that the loop closes over them, that a camera that is unplugged holds the axes, that the recording of that replays bit for bit,
-//! and what a run does whose camera stays away; that parking is left by the first Ctrl-C and the files are finished whatever comes after it; and that
+//! what is counted of the cameras is in it, and what a run does whose camera stays away; that a fault ends with the last decisions before it; that parking is left by the first Ctrl-C and the files are finished whatever comes after it; and that
 //! combinations that make no sense are refused.
 
 // Helper functions outside `#[test]` fail the test as the tests themselves do.
@@ -20,6 +20,8 @@ use running::Ran;
 use serde_json::Value;
 use table::{Axes, Table};
 use vergence_geometry::Eye;
+use vergence_record::table::Row as _;
+use vergence_record::{Recording, Topic, rows};
 
 /// Pairs a second: what two cores render, send, read and follow beside each other.
 const FPS: f64 = 15.0;
@@ -229,7 +231,51 @@ fn it_converges_and_comes_back(table: &Table, folder: &Path) {
         ran.number("latency_ms.p50") > 0.0 && ran.number("parallax_px.rms") > 0.0,
         "{s}"
     );
+    its_cameras_are_on_record(&ran);
     it_replays_bit_for_bit(&ran);
+}
+
+/// Counts and times of the cameras stand in the recording, once a second and at the end, where they are those of the summary.
+fn its_cameras_are_on_record(ran: &Ran) {
+    let file = std::fs::File::open(ran.folder.join("recording.mcap")).unwrap();
+    let mut recording = Recording::new(BufReader::new(file)).unwrap();
+    let mut all = Vec::new();
+    while let Some(message) = recording.next_message().unwrap() {
+        if message.topic == Some(Topic::Cameras) {
+            all.push(rows::Cameras::decode(&message.data).unwrap());
+        }
+    }
+    let [first, .., last] = &all[..] else {
+        panic!("{} rows of the cameras", all.len());
+    };
+    assert!(all.is_sorted_by(|a, b| a.time_s <= b.time_s && a.left_frames <= b.left_frames));
+    let seconds = last.time_s - first.time_s;
+    assert!(
+        (all.len() as f64 - seconds).abs() < 3.0,
+        "{} in {seconds} s",
+        all.len()
+    );
+    let cameras = &ran.summary["cameras"];
+    for (field, count) in [
+        ("left.frames", last.left_frames),
+        ("left.late", last.left_late),
+        ("left.gone", last.left_gone),
+        ("right.frames", last.right_frames),
+        ("right.overrun", last.right_overrun),
+        ("pairing.paired", last.paired),
+        ("pairing.doubled", last.doubled),
+    ] {
+        let told = ran.number(&format!("cameras.{field}"));
+        assert_eq!(told, count as f64, "{field}: {cameras}");
+    }
+    for (field, time_s) in [
+        ("left.jitter.max_s", last.left_jitter_max_s),
+        ("right.period.median_s", last.right_period_s),
+        ("skew.p95_s", last.skew_p95_s),
+    ] {
+        let told = ran.number(&format!("cameras.{field}"));
+        assert_eq!(Some(told), time_s, "{field}: {cameras}");
+    }
 }
 
 /// What was recorded without loss of cameras that were turned, of a pause in which one was gone, and of axes that moved gives the same estimates in every bit.
@@ -315,6 +361,57 @@ fn ctrl_c_twice_while_parking_stops_and_finishes() {
         (on_the_way - later).abs() < 0.35,
         "{on_the_way}°, then {later}°"
     );
+}
+
+/// An alarm of the controller in mid-run is a fault that waits for a person: the run goes on to its end with the axes standing, ends with exit code 1 and its
+/// reason, and prints the last decisions before the fault, each with its time.
+#[test]
+fn a_fault_ends_with_the_last_decisions() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let walk = folder.path().join("walk.csv");
+    std::fs::write(&walk, table::walk(["0,2", "0.3,1.7", "-0.3,1.7"])).unwrap();
+    let axes = Axes::start(folder.path());
+    let twin = ["--path", walk.to_str().unwrap(), "--resolution", "512x384"];
+    let more = ["--set", "camera.fps=15", "--home", "--mode", "converged"];
+    let args = [&twin[..], &more, &["--no-record", "--seconds", "8s"]].concat();
+    let runs = folder.path().join("runs");
+    let mut run = Going::start(&args, &axes.flags(), &runs);
+    // Rows are written once the axes are homed: two seconds later they are in the file.
+    until("rows", 30.0, || {
+        let mut folders = std::fs::read_dir(&runs).into_iter().flatten();
+        folders.any(|folder| {
+            let file = folder.unwrap().path().join("frames.csv");
+            std::fs::metadata(file).is_ok_and(|file| file.len() > 2000)
+        })
+    });
+    axes.alarm();
+    run.wait_for("fault at");
+    let output = run.end();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    let reason = "the rig ended in a fault: ";
+    assert_eq!(
+        said.matches(&format!("error: {reason}")).count(),
+        1,
+        "{said}"
+    );
+    // "    12.345 s  why", oldest first, twelve at most; the last is the fault itself or came after it.
+    let decisions: Vec<(f64, &str)> = said
+        .lines()
+        .filter_map(|line| line.strip_prefix("  ")?.split_once(" s  "))
+        .filter_map(|(time_s, why)| Some((time_s.trim().parse().ok()?, why)))
+        .collect();
+    assert!((2..=12).contains(&decisions.len()), "{said}");
+    assert!(decisions.is_sorted_by(|a, b| a.0 <= b.0), "{said}");
+    let why = said.lines().find_map(|line| line.split_once(reason));
+    let why = why.unwrap().1;
+    assert!(decisions.iter().any(|d| d.1 == why), "{why}: {said}");
+    // The files are kept, with the same reason.
+    let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary["failed"], format!("{reason}{why}"));
+    assert_eq!(*states(&summary).last().unwrap(), "fault", "{summary}");
+    assert_eq!(summary["rest"]["parked"], false, "{summary}");
 }
 
 /// What makes no sense is refused before anything is opened, with what would be right.

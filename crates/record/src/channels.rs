@@ -52,11 +52,13 @@ pub enum Topic {
     Timing,
     /// The truth; of the twin only.
     Truth,
+    /// Counts and times of live cameras; of these only.
+    Cameras,
 }
 
 impl Topic {
     /// All of them, in the order of their numbers in a file.
-    pub const ALL: [Topic; 22] = [
+    pub const ALL: [Topic; 23] = [
         Topic::LeftImage,
         Topic::RightImage,
         Topic::LeftCalibration,
@@ -79,6 +81,7 @@ impl Topic {
         Topic::Recorder,
         Topic::Timing,
         Topic::Truth,
+        Topic::Cameras,
     ];
 
     /// Its name in the file.
@@ -106,6 +109,7 @@ impl Topic {
             Topic::Recorder => "/recorder",
             Topic::Timing => "/timing",
             Topic::Truth => "/truth",
+            Topic::Cameras => "/cameras",
         }
     }
 
@@ -134,6 +138,7 @@ impl Topic {
             Topic::Recorder => of::<rows::Recorder>(),
             Topic::Timing => of::<rows::Timing>(),
             Topic::Truth => of::<rows::Truth>(),
+            Topic::Cameras => of::<rows::Cameras>(),
             _ => None,
         }
     }

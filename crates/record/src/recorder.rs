@@ -88,6 +88,8 @@ pub struct Beside {
     pub offset_s: f64,
     /// How long the pair lay there before the loop took it, s.
     pub waited_s: f64,
+    /// How much later than its time by the wall clock it was taken, s.
+    pub late_s: f64,
 }
 
 /// A recording while it is made.
@@ -262,7 +264,8 @@ impl Recorder {
         if let Some(note) = &step.health {
             put(Topic::Health, steps::health(note).encode());
         }
-        put(Topic::Timing, steps::timing(step, beside.waited_s).encode());
+        let timing = steps::timing(step, beside.waited_s, beside.late_s);
+        put(Topic::Timing, timing.encode());
         for change in steps::changes(step) {
             let text = format!(
                 "{}: {} -> {}, {}",
@@ -310,6 +313,13 @@ impl Recorder {
         let line = foxglove::log(ns, level, &happening.source, &happening.text);
         self.put(&mut items, Topic::Log, ns, line);
         self.push(happening.time_s.max(self.logged_s), items);
+    }
+
+    /// Take what was counted and measured of live cameras so far.
+    pub fn cameras(&mut self, row: &rows::Cameras) {
+        let (mut items, ns) = (Vec::new(), self.ns(row.time_s));
+        self.put(&mut items, Topic::Cameras, ns, row.encode());
+        self.push(row.time_s.max(self.logged_s), items);
     }
 
     /// Without a thread: encode and write what waits, as far as the storage takes it, at this time of the caller's clock (s, never decreasing).
@@ -644,6 +654,8 @@ fn begin(
         Topic::LeftImage | Topic::RightImage => settings.pictures != Pictures::None,
         Topic::Timing => description.timing,
         Topic::Truth => description.truth,
+        // Live cameras are in real time, and have no truth.
+        Topic::Cameras => description.timing && !description.truth,
         Topic::Setpoint | Topic::Axis | Topic::Change => description.fixed_base_from_cam.is_none(),
         _ => true,
     });

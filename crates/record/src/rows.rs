@@ -197,6 +197,7 @@ row! {
         health_s: f64 = "handing a pair to the watcher, s",
         latency_s: f64 = "from the middle of the exposure to the setpoints, s",
         waited_s: f64 = "how much of it the pair lay there before the loop took it, s",
+        late_s: f64 = "how much later than it was due by the wall clock the pair was taken, s; more than a period is late",
     }
 }
 
@@ -258,5 +259,56 @@ row! {
         qz: f64 = "k",
         qw: f64 = "real part",
         fps: f64 = "nominal pictures a second",
+    }
+}
+
+row! {
+    /// What was counted of live cameras since the start of the run and measured of their times: once a second, and at the end.
+    Cameras {
+        time_s: f64 = "when, s on the run's clock",
+        left_frames: u64 = "pictures of the left camera that came whole",
+        left_lost: u64 = "pictures that the left camera lost, by the numbers of its driver",
+        left_torn: u64 = "damaged pictures of the left camera, not used",
+        left_frozen: u64 = "pictures of the left camera while it was frozen, not used",
+        left_overrun: u64 = "pictures of the left camera that the loop did not fetch in time",
+        left_late: u64 = "pictures of the left camera that took over half a period longer than usual",
+        left_gone: u64 = "how often the left camera went",
+        left_back: u64 = "how often the left camera was found again",
+        left_clock_jumps: u64 = "how often the clock of the left camera jumped",
+        left_period_s: Option<f64> = "usual time from one picture of the left camera to the next, s: the median of the newest 1024",
+        left_jitter_s: Option<f64> = "half of these times lie nearer to the usual one, s",
+        left_jitter_p95_s: Option<f64> = "95 % of them lie nearer to it, s",
+        left_jitter_max_s: Option<f64> = "the furthest that one lay from it since the start, s",
+        left_latency_s: Option<f64> = "usual time from the capture of the left camera's pictures to their arrival, s: the median of the newest 1024",
+        left_latency_max_s: Option<f64> = "the longest since the start, s",
+        right_frames: u64 = "pictures of the right camera that came whole",
+        right_lost: u64 = "pictures that the right camera lost, by the numbers of its driver",
+        right_torn: u64 = "damaged pictures of the right camera, not used",
+        right_frozen: u64 = "pictures of the right camera while it was frozen, not used",
+        right_overrun: u64 = "pictures of the right camera that the loop did not fetch in time",
+        right_late: u64 = "pictures of the right camera that took over half a period longer than usual",
+        right_gone: u64 = "how often the right camera went",
+        right_back: u64 = "how often the right camera was found again",
+        right_clock_jumps: u64 = "how often the clock of the right camera jumped",
+        right_period_s: Option<f64> = "usual time from one picture of the right camera to the next, s: the median of the newest 1024",
+        right_jitter_s: Option<f64> = "half of these times lie nearer to the usual one, s",
+        right_jitter_p95_s: Option<f64> = "95 % of them lie nearer to it, s",
+        right_jitter_max_s: Option<f64> = "the furthest that one lay from it since the start, s",
+        right_latency_s: Option<f64> = "usual time from the capture of the right camera's pictures to their arrival, s: the median of the newest 1024",
+        right_latency_max_s: Option<f64> = "the longest since the start, s",
+        paired: u64 = "pairs that were made of the pictures",
+        unpaired: u64 = "pictures without a partner near enough",
+        doubled: u64 = "pictures that came twice",
+        backwards: u64 = "pictures stamped before one that came earlier",
+        overflowed: u64 = "pictures that waited too long for a partner",
+        untimed: u64 = "pictures without a time",
+        lost_pairs: u64 = "moments of which there was a picture and no pair",
+        skipped_pairs: u64 = "pairs that the loop did not fetch in time",
+        too_far_apart: u64 = "pairs further apart than the limit, not used",
+        stalls: u64 = "how often no pair came within the time that was waited",
+        skew_s: Option<f64> = "usual time between the two pictures of a pair without the steady offset, s: the median of the newest 1024",
+        skew_p95_s: Option<f64> = "95 % of the pairs are nearer to each other, s",
+        skew_max_s: Option<f64> = "the furthest apart since the start, s",
+        offset_s: Option<f64> = "the steady offset, right times minus left times, s; not there while none is known",
     }
 }

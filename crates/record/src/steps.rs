@@ -219,8 +219,8 @@ pub(crate) fn health(note: &HealthNote) -> rows::Health {
     }
 }
 
-/// Wall times of a step whose pair lay there for `waited_s` before the loop took it.
-pub(crate) fn timing(step: &Step, waited_s: f64) -> rows::Timing {
+/// Wall times of a step whose pair lay there for `waited_s` before the loop took it, `late_s` after its time.
+pub(crate) fn timing(step: &Step, waited_s: f64, late_s: f64) -> rows::Timing {
     let of = |stage| step.times.of(stage);
     rows::Timing {
         index: step.index,
@@ -231,6 +231,7 @@ pub(crate) fn timing(step: &Step, waited_s: f64) -> rows::Timing {
         health_s: of(Stage::Health),
         latency_s: (step.arrival_s - step.capture_s) + waited_s + step.times.total_s(),
         waited_s,
+        late_s,
     }
 }
 

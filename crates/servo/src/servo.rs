@@ -20,7 +20,7 @@ use crate::prior::prior_from_estimate;
 use crate::rigging::{Permit, Rigging, Stance};
 use crate::stages::{Stage, StageTimes};
 use crate::step::{Measured, Step};
-use crate::target::{Place, Target};
+use crate::target::{Place, Probation, Target};
 use crate::watch::{HealthNote, Watch, WatchSettings};
 use crate::wide::{is_wide, look};
 use crate::zeros::{LostZero, Zeros};
@@ -164,8 +164,13 @@ impl Servo {
         }
         let measured = times.timed(Stage::Measure, || self.range(&stance, pair, &mut report));
         let (update, estimate, aim, control) = times.timed(Stage::Control, || {
+            let probation = match (self.follower.on_probation(), self.follower.has_taken_back()) {
+                (_, true) => Probation::TakenBack,
+                (true, false) => Probation::On,
+                (false, false) => Probation::None,
+            };
             self.target
-                .put_on_probation(report.sighting.as_ref(), self.follower.on_probation());
+                .put_on_probation(report.sighting.as_ref(), probation);
             let update = report
                 .sighting
                 .as_ref()

@@ -39,6 +39,17 @@ const ANSWER_M: f64 = 0.5;
 const BLANK_S: f64 = 0.7;
 const BLANK_PAIRS: u32 = 3;
 
+/// What the follower says of a target that it has seen again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Probation {
+    /// It is the target, or nothing is seen.
+    None,
+    /// It may be taken back.
+    On,
+    /// It was something else.
+    TakenBack,
+}
+
 /// A place that was measured, and how well its distance is known.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Place {
@@ -155,22 +166,22 @@ impl Target {
         }
     }
 
-    /// A target that was hidden and is seen for a frame or two only was something else: then all goes back to what was believed
+    /// A target that was hidden and is seen for a frame or two only was something else where the follower says so: then all goes back to what was believed
     /// before. To be called for every pair, before [`Self::observe`].
-    pub(crate) fn put_on_probation(&mut self, sighting: Option<&Sighting>, on_probation: bool) {
+    pub(crate) fn put_on_probation(&mut self, sighting: Option<&Sighting>, probation: Probation) {
         match sighting {
-            None => {
+            _ if probation == Probation::TakenBack => {
                 if let Some((filter, expectation)) = self.before.take() {
                     self.filter = filter;
                     self.expectation = expectation;
                     self.sighted_s = self.filter.last_used_s().unwrap_or(f64::NEG_INFINITY);
                 }
             }
-            Some(_) if !on_probation => self.before = None,
+            _ if probation == Probation::None => self.before = None,
             Some(sighting) if sighting.kind == SightingKind::Refound => {
                 self.before = Some((self.filter.clone(), self.expectation.clone()));
             }
-            Some(_) => {}
+            _ => {}
         }
     }
 

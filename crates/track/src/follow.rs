@@ -125,6 +125,8 @@ pub struct Follower {
     /// Set while a target that was seen again is on probation.
     undo: Option<Box<Undo>>,
     doubts: Doubts,
+    /// Whether the newest observation, or what was said of it, took back that the target was seen again.
+    taken_back: bool,
 }
 
 impl Follower {
@@ -159,6 +161,7 @@ impl Follower {
             wander: Wander::default(),
             undo: None,
             doubts: Doubts::default(),
+            taken_back: false,
         }
     }
 
@@ -205,6 +208,11 @@ impl Follower {
         self.undo.is_some()
     }
 
+    /// Whether the target, which was on probation, was taken back in or after the last observation. One that moved like a person is not: it is hidden where it was seen.
+    pub fn has_taken_back(&self) -> bool {
+        self.taken_back
+    }
+
     /// The sighting of the last observation was not the target: it was measured where that cannot be. What was learned since the
     /// target was seen again is forgotten, and for a while other places are preferred to that one.
     pub fn disown(&mut self) {
@@ -234,6 +242,7 @@ impl Follower {
                     self.doubts.add(belief, self.last_time_s);
                 }
                 undo.restore(self);
+                self.taken_back = true;
             }
             None => self.hidden_s = self.seen_s,
         }
@@ -262,6 +271,7 @@ impl Follower {
         let blind = was_blind(pause_s, self.last_pause_s);
         self.last_time_s = seen.time_s;
         self.last_pause_s = pause_s;
+        self.taken_back = false;
         if blind && self.state == FollowState::Tracking {
             self.note = None;
             self.lose();

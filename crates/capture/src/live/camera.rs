@@ -37,6 +37,11 @@ pub(crate) trait Camera: Send {
     /// Nominal frames per second, when they are told.
     fn fps(&self) -> Option<f64>;
 
+    /// How it sends its pictures, when that is known: a format of V4L2 or a codec.
+    fn format(&self) -> Option<&'static str> {
+        None
+    }
+
     /// The next frame; waits at most about `wait`. `reuse` is a picture whose buffer may be used again; it need not be. After an error the
     /// camera is dropped and opened anew.
     fn next(&mut self, wait: Duration, reuse: Option<Rgb>) -> Result<Got, CaptureError>;

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use vergence_geometry::Eye;
 
+use super::agreed::{Agreement, CameraMode, LockedControl};
 use super::camera::{Camera, Opener};
 use super::program::ProgramOpener;
 use super::reader::Gives;
@@ -19,18 +20,44 @@ pub(crate) struct Attached {
 }
 
 /// Devices that are open, one or two.
+#[derive(Default)]
 pub(crate) struct Opened {
     pub(crate) devices: Vec<Attached>,
     /// What a person should know.
     pub(crate) remarks: Vec<String>,
+    /// Controls that all of them have the same values of.
+    pub(crate) controls: Vec<LockedControl>,
+    /// Those of the remarks that say which control could not be made equal.
+    pub(crate) unset: Vec<String>,
 }
 
 impl Opened {
+    /// The device that gives an eye's pictures.
+    fn of(&self, eye: Eye) -> Option<&Attached> {
+        let gives = |d: &&Attached| d.gives == Gives::One(eye) || d.gives == Gives::Both;
+        self.devices.iter().find(gives)
+    }
+
+    /// What was agreed on; sizes are known when pictures have come.
+    pub(crate) fn agreement(&self) -> Agreement {
+        Agreement {
+            modes: Eye::BOTH.map(|eye| {
+                let camera = self.of(eye).map(|device| &device.camera);
+                CameraMode {
+                    format: camera.and_then(|c| c.format()),
+                    fps: camera.and_then(|c| c.fps()),
+                    size: (0, 0),
+                }
+            }),
+            controls: self.controls.clone(),
+            unset: self.unset.clone(),
+        }
+    }
+
     /// What the left and the right camera are called.
     pub(crate) fn names(&self) -> [String; 2] {
         Eye::BOTH.map(|eye| {
-            let gives = |d: &&Attached| d.gives == Gives::One(eye) || d.gives == Gives::Both;
-            let Some(device) = self.devices.iter().find(gives) else {
+            let Some(device) = self.of(eye) else {
                 return String::new();
             };
             let name = device.opener.name();
@@ -92,7 +119,7 @@ fn each(
     }
     Ok(Opened {
         devices,
-        remarks: Vec::new(),
+        ..Opened::default()
     })
 }
 
@@ -111,10 +138,16 @@ fn open_v4l2(
     _wanted: [(usize, usize); 2],
     _clock: &RealClock,
 ) -> Result<Opened, CaptureError> {
-    Err(CaptureError::Camera {
-        camera: config.name(),
+    Err(built_without(config.name()))
+}
+
+/// That there is no way to a camera in this program.
+#[cfg(not(feature = "v4l2"))]
+pub(crate) fn built_without(camera: String) -> CaptureError {
+    CaptureError::Camera {
+        camera,
         what: "cannot be opened".to_owned(),
         why: "this program was built without video devices; build it with --features v4l2"
             .to_owned(),
-    })
+    }
 }

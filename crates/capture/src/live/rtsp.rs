@@ -219,6 +219,13 @@ impl Camera for RtspCamera {
         self.fps
     }
 
+    fn format(&self) -> Option<&'static str> {
+        Some(match self.decoder {
+            Some(_) => "H.264",
+            None => "JPEG",
+        })
+    }
+
     fn next(&mut self, wait: Duration, reuse: Option<Rgb>) -> Result<Got, CaptureError> {
         let Some(session) = self.session.as_mut() else {
             return Ok(Got::Nothing);

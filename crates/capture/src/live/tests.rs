@@ -173,7 +173,7 @@ fn start(
     }
     let opened = Opened {
         devices,
-        remarks: Vec::new(),
+        ..Opened::default()
     };
     LiveSource::start(config, opened, LiveRig::Fixed(&rig(SIZE)), &clock)
 }
@@ -235,6 +235,13 @@ fn pairs_are_of_one_moment() {
     );
     assert!(source.dropped_pairs() >= seen.pairing.lost_pairs && seen.pairing.lost_pairs > 0);
     assert_eq!(source.info().fps, 1.0 / PERIOD_S);
+    let modes = source.agreement().modes;
+    assert!(
+        modes
+            .iter()
+            .all(|m| m.size == SIZE && m.fps == Some(1.0 / PERIOD_S))
+    );
+    assert!((source.pairing_limit_s() - 0.2 * PERIOD_S).abs() < 1e-12);
 }
 
 /// A camera whose first picture takes longer than the silence that it may keep later is waited for, and not opened again and again.
@@ -488,7 +495,7 @@ fn halves_and_misfits() {
         });
         let opened = Opened {
             devices: devices.collect(),
-            remarks: Vec::new(),
+            ..Opened::default()
         };
         let config = LiveConfig {
             start_s: 0.5,

@@ -5,6 +5,7 @@
 //! and says which; where the exposure is known the middle is worked out, and what is not known (how long reading out takes) is left in. `uvcvideo`,
 //! the driver of USB cameras, says "start" of what it stamps when a frame's first data come, unless its `hwtimestamps` is on.
 
+mod abilities;
 mod controls;
 mod device;
 
@@ -18,6 +19,7 @@ use moq_v4l::{Device, FourCC};
 use vergence_geometry::Eye;
 use vergence_imaging::{Rgb, files};
 
+pub(crate) use self::abilities::abilities;
 use self::controls::Locked;
 use self::device::{Mode, failed, guarded};
 use super::camera::{Camera, Got, Opener, Taken};
@@ -74,15 +76,8 @@ pub(crate) fn open(
     let fps: Vec<Option<f64>> = (open.iter().zip(&names))
         .map(|(device, name)| mode.set(device, name))
         .collect::<Result<_, _>>()?;
-    if let [Some(left), Some(right)] = fps[..]
-        && (left / right - 1.0).abs() > 0.01
-    {
-        return Err(CaptureError::Unequal(format!(
-            "{} gives {left:.2} pictures a second, {} {right:.2}; ask for a rate that both have",
-            names[0], names[1]
-        )));
-    }
-    let (locked, remarks) = Locked::agree(&open, &names, &config.v4l2.controls);
+    device::one_rate(&names, &fps)?;
+    let (locked, told) = Locked::agree(&open, &names, &config.v4l2.controls);
     let zero_s = zero_s(clock);
     let mut devices = Vec::new();
     for ((path, gives), (device, fps)) in inputs.into_iter().zip(open.into_iter().zip(fps)) {
@@ -101,7 +96,12 @@ pub(crate) fn open(
             gives,
         });
     }
-    Ok(Opened { devices, remarks })
+    Ok(Opened {
+        devices,
+        remarks: told.remarks,
+        controls: locked.told(),
+        unset: told.unset,
+    })
 }
 
 struct V4l2Opener {
@@ -175,6 +175,10 @@ struct V4l2Camera {
 impl Camera for V4l2Camera {
     fn fps(&self) -> Option<f64> {
         self.fps
+    }
+
+    fn format(&self) -> Option<&'static str> {
+        Some(self.mode.format.name())
     }
 
     fn next(&mut self, wait: Duration, reuse: Option<Rgb>) -> Result<Got, CaptureError> {

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{MutexGuard, OnceLock};
 use std::time::{Duration, Instant};
 
-use vergence_capture::live::{ClockDomain, LiveKind, PixelFormat};
+use vergence_capture::live::{Abilities, ClockDomain, LiveKind, PixelFormat};
 use vergence_capture::{
     CameraState, Clock as _, Frame, LiveConfig, LiveInput, LiveRig, LiveSource, RealClock,
     Source as _, SourceEventKind, StereoFrame,
@@ -20,6 +20,7 @@ use vergence_geometry::Eye;
 use vergence_imaging::{Rgb, files};
 
 use self::camera::{Camera, FPS, Level, SIZE, Spoil, State, period};
+use self::descriptors::{MJPEG, YUYV};
 use self::usbip::{Cable, HOST};
 use super::{Devices, events_until, line, pairs, rig};
 
@@ -361,6 +362,112 @@ fn controls_and_places() {
         counts.iter().all(|c| (c.gone, c.back) == (1, 1)),
         "{counts:?}"
     );
+}
+
+/// Cameras whose formats or rates differ are refused in one sentence that says what each gives and what to do.
+#[test]
+fn formats_and_rates_that_differ() {
+    let refused = |pair: &Pair, asked: Option<PixelFormat>| {
+        let mut config = config(PixelFormat::Mjpeg);
+        config.v4l2.format = asked;
+        let refused = LiveSource::open(&config, LiveRig::Fixed(&rig(SIZE)), &pair.clock);
+        let text = refused.unwrap_err().to_string();
+        println!("{text}");
+        text
+    };
+    let unlike = |eye: usize, state: &mut State| state.sends = vec![[MJPEG, YUYV][eye]];
+    let Some(pair) = Pair::plug(unlike) else {
+        return;
+    };
+    let names = || [0, 1].map(|eye| nodes(eye)[0].display().to_string());
+    let [left, right] = names();
+    assert_eq!(
+        refused(&pair, None),
+        format!(
+            "left and right do not belong together: {left} gives MJPG, {right} gives YUYV in 320x240 pixels; there must be one format that both have: use two \
+             cameras of one type, or a size in which they share a format"
+        )
+    );
+    assert_eq!(
+        refused(&pair, Some(PixelFormat::Mjpeg)),
+        format!(
+            "{right} cannot be used: it gives YUYV; needed is MJPG: ask for a format that it gives, or for none"
+        )
+    );
+    drop(pair);
+
+    let slower = |eye: usize, state: &mut State| state.fps = [FPS, 10][eye];
+    let Some(pair) = Pair::plug(slower) else {
+        return;
+    };
+    let [left, right] = names();
+    assert_eq!(
+        refused(&pair, Some(PixelFormat::Mjpeg)),
+        format!(
+            "left and right do not belong together: {left} gives 15.00 pictures a second, {right} 10.00; ask for a rate that both have"
+        )
+    );
+}
+
+/// A camera that is asked says its formats, sizes, rates and controls, and stands as it stood; what both were opened with is told as well.
+#[test]
+fn what_cameras_can_do() {
+    let Some(pair) = Pair::plug(|_, _| {}) else {
+        return;
+    };
+    let can = Abilities::of(&nodes(0)[0]).unwrap();
+    println!("{can:?}");
+    assert_eq!(can.driver, "uvcvideo");
+    assert!(can.card.contains("left camera"), "{}", can.card);
+    let formats: Vec<(&str, bool)> = (can.formats.iter())
+        .map(|f| (f.name.as_str(), f.is_read))
+        .collect();
+    assert_eq!(formats, [("MJPG", true), ("YUYV", true)]);
+    for format in &can.formats {
+        let [size] = &format.sizes[..] else {
+            panic!("{format:?}");
+        };
+        assert_eq!((size.size, size.up_to), ((320, 240), None));
+        assert!(
+            size.fps.len() == 1 && (size.fps[0] - 15.0).abs() < 0.01,
+            "{size:?}"
+        );
+    }
+    let exposure = can.controls.iter().find(|c| c.name == "exposure").unwrap();
+    assert_eq!(
+        (exposure.least, exposure.most, exposure.now),
+        (3, 2047, 250)
+    );
+    assert!(can.automatics.contains(&"automatic focus"), "{can:?}");
+    assert!(pair.state(0).set.is_empty(), "asking sets nothing");
+
+    let mut config = config(PixelFormat::Mjpeg);
+    config.v4l2.controls.exposure = Some(300);
+    let mut source = pair.open(&config);
+    // While it is read it may be asked.
+    assert_eq!(Abilities::of(&nodes(0)[0]).unwrap().formats, can.formats);
+    pairs(&mut source, 5);
+    let agreed = source.agreement();
+    for mode in agreed.modes {
+        assert_eq!((mode.format, mode.size), (Some("MJPG"), SIZE));
+        assert!(
+            mode.fps.is_some_and(|fps| (fps - 15.0).abs() < 0.01),
+            "{mode:?}"
+        );
+    }
+    let locked = |name: &str| {
+        agreed
+            .controls
+            .iter()
+            .find(|c| c.name == name)
+            .unwrap()
+            .value
+    };
+    assert_eq!((locked("exposure"), locked("automatic focus")), (300, 0));
+    assert_eq!(agreed.unset, [""; 0]);
+    assert!((source.pairing_limit_s() * f64::from(FPS) - 0.2).abs() < 0.01);
+    let refused = Abilities::of(&nodes(0)[1]).unwrap_err().to_string();
+    assert!(refused.contains("data about pictures"), "{refused}");
 }
 
 /// The camera saw all of this being set, and stands there.

@@ -1,10 +1,19 @@
-//! Proves: cameras and ports are told from the kernel's files as they lie in /sys and /dev, also when there is nothing or nonsense.
+//! Proves: cameras and ports are told from the kernel's files as they lie in /sys and /dev, also when there is nothing or nonsense; what a camera answers stands
+//! behind its name.
 
 use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::Path;
 
+use vergence_capture::CaptureError;
+use vergence_capture::live::FormatOffer;
+
 use super::*;
+
+/// Asks no device anything.
+fn nothing(_: &Path) -> Option<Result<Abilities, CaptureError>> {
+    None
+}
 
 fn places(root: &Path) -> Places {
     Places {
@@ -40,7 +49,7 @@ fn nothing_is_a_note_with_a_remedy() {
     let dir = tempfile::tempdir().unwrap();
     let places = places(dir.path());
     let all = [
-        cameras::checks(&places),
+        cameras::checks(&places, &nothing),
         serial::checks(&serial::ports(&places)),
     ]
     .concat();
@@ -61,16 +70,18 @@ fn cameras_are_told_by_their_device() {
         "HD Camera: left",
         "480",
     );
-    let one = cameras::checks(&places(dir.path()));
-    assert_eq!(one.len(), 2, "{one:?}");
+    let one = cameras::checks(&places(dir.path()), &nothing);
+    assert_eq!(one.len(), 1, "{one:?}");
     assert_eq!(
         one[0].found,
         "HD Camera: left, driver uvcvideo, USB at 480 Mbit/s, also video1"
     );
-    assert_eq!((one[0].status, one[1].status), (Status::Good, Status::Note));
-    assert_eq!(one[1].found, "one camera is no pair");
+    assert_eq!(one[0].status, Status::Good);
+    let further = cameras::further(&one);
+    assert_eq!(further[0].status, Status::Note);
+    assert_eq!(further[0].found, "one camera is no pair");
     camera(dir.path(), "1-2", ["video10", "video2"], "slow\u{7}", "12");
-    let two = cameras::checks(&places(dir.path()));
+    let two = cameras::checks(&places(dir.path()), &nothing);
     assert_eq!(two.len(), 2, "{two:?}");
     assert!(
         two[1].item.ends_with("video2") && two[1].status == Status::Wrong,
@@ -80,6 +91,70 @@ fn cameras_are_told_by_their_device() {
         two[1].found,
         "slow, driver uvcvideo, USB at 12 Mbit/s, also video10"
     );
+}
+
+/// The first node that answers as a camera is believed; a device of which none does is a note with the reason.
+#[test]
+fn cameras_say_what_they_can_do() {
+    let dir = tempfile::tempdir().unwrap();
+    camera(dir.path(), "1-1", ["video0", "video1"], "HD", "480");
+    let places = places(dir.path());
+    let refuse = |path: &Path| CaptureError::Camera {
+        camera: path.display().to_string(),
+        what: "cannot be used".to_owned(),
+        why: "it is no camera".to_owned(),
+    };
+    let second = |path: &Path| {
+        Some(match path.ends_with("video1") {
+            true => Ok(Abilities {
+                formats: vec![FormatOffer {
+                    name: "YUYV".to_owned(),
+                    is_read: true,
+                    sizes: Vec::new(),
+                }],
+                ..Abilities::default()
+            }),
+            false => Err(refuse(path)),
+        })
+    };
+    let found = cameras::checks(&places, &second);
+    assert_eq!(found[0].status, Status::Good);
+    assert!(
+        found[0].found.ends_with("also video1; sends YUYV"),
+        "{found:?}"
+    );
+    let none = cameras::checks(&places, &|path| Some(Err(refuse(path))));
+    assert_eq!(none[0].status, Status::Note);
+    assert!(none[0].next.is_some(), "{none:?}");
+    let why = format!(
+        "; {}/dev/video0 cannot be used: it is no camera",
+        dir.path().display()
+    );
+    assert!(none[0].found.ends_with(&why), "{none:?}");
+}
+
+/// Without video devices in the program it is said how to get them; with them, how two cameras are looked at.
+#[test]
+fn what_more_can_be_asked() {
+    let good = |item| Check::new("cameras", item, Status::Good, "a camera");
+    assert_eq!(cameras::further(&[]), []);
+    assert_eq!(
+        cameras::further(&[Check {
+            status: Status::Note,
+            ..good(cameras::NONE)
+        }]),
+        []
+    );
+    let further = cameras::further(&[good("/dev/video0"), good("/dev/video2")]);
+    assert_eq!(further.len(), 1, "{further:?}");
+    let next = further[0].next.as_deref().unwrap();
+    match reads_devices() {
+        true => {
+            let call = "vergence doctor --source v4l2 --left /dev/video0 --right /dev/video2";
+            assert!(next.contains(call), "{next}");
+        }
+        false => assert_eq!(next, "build it with --features v4l2"),
+    }
 }
 
 #[test]

@@ -14,7 +14,7 @@ use crate::fault::{self, Fault};
 /// Name of the film.
 pub(super) const VIDEO: &str = "side_by_side.mp4";
 
-/// Time for which the last picture is shown, s, and the longest for any.
+/// Time for which the last picture is to be shown, s (ffmpeg 5.1 leaves it out, and players hold that picture), and the longest for any.
 const LAST_S: f64 = 1.0 / 30.0;
 const LONGEST_S: f64 = 5.0;
 
@@ -117,7 +117,28 @@ impl Pictures {
         text
     }
 
+    /// Let ffmpeg make the film; nothing of it is left when it does not.
     fn ffmpeg(&self, lists: &[PathBuf; 2]) -> Result<(), String> {
+        let mut failed = self.words_of_ffmpeg("-fps_mode", lists)?;
+        if failed.as_ref().is_some_and(|w| w.contains("fps_mode")) {
+            // Before version 5.1 the option had another name, which newer ones are about to drop.
+            failed = self.words_of_ffmpeg("-vsync", lists)?;
+        }
+        let Some(words) = failed else {
+            return Ok(());
+        };
+        // Best effort: what is told is why there is no film.
+        let _ = std::fs::remove_file(self.folder.join(VIDEO));
+        let last = words.lines().last().unwrap_or("it gave no reason");
+        Err(format!("no video: ffmpeg failed: {}", last.trim()))
+    }
+
+    /// Call ffmpeg with this name of the option that keeps the times of the pictures; what it says when it fails.
+    fn words_of_ffmpeg(
+        &self,
+        option: &str,
+        lists: &[PathBuf; 2],
+    ) -> Result<Option<String>, String> {
         let mut command = Command::new("ffmpeg");
         command.args(["-nostdin", "-loglevel", "error", "-y"]);
         for list in lists {
@@ -127,39 +148,18 @@ impl Pictures {
         // H.264 wants even sides.
         let filter = "[0:v][1:v]hstack,crop=trunc(iw/2)*2:trunc(ih/2)*2,format=yuv420p";
         command
-            .args([
-                "-filter_complex",
-                filter,
-                "-vsync",
-                "vfr",
-                "-c:v",
-                "libx264",
-            ])
-            .args([
-                "-preset",
-                "veryfast",
-                "-crf",
-                "20",
-                "-movflags",
-                "+faststart",
-            ])
+            .args(["-filter_complex", filter, option, "vfr", "-c:v", "libx264"])
+            .args(["-preset", "veryfast", "-crf", "20"])
+            .args(["-movflags", "+faststart"])
             .arg(self.folder.join(VIDEO))
             .stdin(Stdio::null());
-        let output = match command.output() {
-            Ok(output) => output,
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-                return Err("no video: the ffmpeg program is not installed".to_owned());
+        let output = command.output().map_err(|e| match e.kind() {
+            std::io::ErrorKind::NotFound => {
+                "no video: the ffmpeg program is not installed".to_owned()
             }
-            Err(e) => return Err(format!("no video: ffmpeg could not be started: {e}")),
-        };
-        if output.status.success() {
-            return Ok(());
-        }
-        let _ = std::fs::remove_file(self.folder.join(VIDEO));
-        let words = String::from_utf8_lossy(&output.stderr);
-        Err(format!(
-            "no video: ffmpeg failed: {}",
-            words.lines().last().unwrap_or("it gave no reason").trim()
-        ))
+            _ => format!("no video: ffmpeg could not be started: {e}"),
+        })?;
+        let words = || String::from_utf8_lossy(&output.stderr).into_owned();
+        Ok((!output.status.success()).then(words))
     }
 }

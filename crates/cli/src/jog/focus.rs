@@ -1,7 +1,5 @@
 //! `vergence jog focus`: turn the focus of both lenses by hand.
 
-use std::time::{Duration, Instant};
-
 use serde::Serialize;
 use vergence_control::grbl::GrblFocus;
 use vergence_control::{AxisState, Drive as _};
@@ -16,11 +14,11 @@ use crate::settings::quantity::Dimension;
 /// There is where it is this near, a part of its way: a motor of 200 steps.
 const THERE: f64 = 0.005;
 
-/// It stands when it was seen at one place for this long: some reports of its controller.
-const STANDS: Duration = Duration::from_millis(300);
+/// It stands when it was seen at one place for this long, s: some reports of its controller.
+const STANDS_S: f64 = 0.3;
 
-/// A motor that stands elsewhere for this long does not arrive.
-const ARRIVE: Duration = Duration::from_secs(2);
+/// A motor that stands elsewhere for this long does not arrive, s.
+const ARRIVE_S: f64 = 2.0;
 
 /// The answer for programs; distances in metres, `null` for infinity.
 #[derive(Debug, Serialize)]
@@ -60,10 +58,10 @@ pub(super) fn run(global: &Global, args: &JogArgs) -> anyhow::Result<()> {
         hand.home()?;
     }
     refuse_unready(&hand)?;
-    let start = Instant::now();
+    let start_s = hand.live.now_s();
     let reached_m = go(&mut hand, &focus, to_m)?;
     hand.clear_line();
-    let seconds = start.elapsed().as_secs_f64();
+    let seconds = hand.live.now_s() - start_s;
     match args.format {
         Format::Text => output::print(&format!(
             "the lenses are focused on {} after {seconds:.1} s ({name})\n",
@@ -140,20 +138,21 @@ fn metres(distance_m: f64) -> String {
 fn go(hand: &mut Hand, focus: &GrblFocus, to_m: f64) -> anyhow::Result<f64> {
     hand.live.focus(to_m, 0.0);
     let mut seen_m = None;
-    let mut since = Instant::now();
+    let mut since_s = hand.live.now_s();
     loop {
         hand.look()?;
         let now_m = hand.live.focused_m();
         if now_m != seen_m {
-            (seen_m, since) = (now_m, Instant::now());
+            (seen_m, since_s) = (now_m, hand.live.now_s());
         }
+        let stands_s = hand.live.now_s() - since_s;
         let there = now_m.filter(|m| (focus.part(*m) - focus.part(to_m)).abs() < THERE);
         if let Some(reached_m) = there
-            && since.elapsed() > STANDS
+            && stands_s > STANDS_S
         {
             return Ok(reached_m);
         }
-        if since.elapsed() > ARRIVE || hand.has_fault() {
+        if stands_s > ARRIVE_S || hand.has_fault() {
             // What the line takes of it is all that can be.
             let _ = hand.live.hold(0.0);
             let place = now_m.map_or("an unknown distance".to_owned(), metres);

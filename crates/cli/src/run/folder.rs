@@ -1,11 +1,11 @@
 //! The folder of a run: under a provisional name while it is written, under its own when it is whole. A disk that fills up meanwhile ends no run.
 
 use std::fs::{self, File};
-use std::io::{BufWriter, Write as _};
+use std::io::{self, BufWriter, ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use crate::fault;
+use crate::fault::{self, Fault};
 use crate::output;
 
 use super::record::{HEADER, Row};
@@ -32,13 +32,7 @@ pub(crate) struct RunFolder {
 impl RunFolder {
     /// Make `out/<UTC date and time>.partial` with an empty frames.csv.
     pub(crate) fn create(out: &Path) -> anyhow::Result<Self> {
-        let complain = |path: &Path, e: std::io::Error| {
-            fault::failed(format!(
-                "cannot make the run's folder {}: {e}",
-                path.display()
-            ))
-        };
-        fs::create_dir_all(out).map_err(|e| complain(out, e))?;
+        fs::create_dir_all(out).map_err(|e| cannot_make(out, &e))?;
         let stamp = stamp_from_seconds(
             SystemTime::now()
                 .duration_since(UNIX_EPOCH)
@@ -55,8 +49,8 @@ impl RunFolder {
                 continue;
             }
             match fs::create_dir(&partial) {
-                Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
-                Err(e) => return Err(complain(&partial, e).into()),
+                Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
+                Err(e) => return Err(cannot_make(&partial, &e).into()),
                 Ok(()) => return Self::begin(partial, whole),
             }
         }
@@ -65,7 +59,7 @@ impl RunFolder {
 
     fn begin(partial: PathBuf, whole: PathBuf) -> anyhow::Result<Self> {
         let path = partial.join("frames.csv");
-        let cannot = |e: std::io::Error| {
+        let cannot = |e: io::Error| {
             // Best effort: what is told is why there is no folder.
             let _ = fs::remove_dir_all(&partial);
             fault::failed(format!("cannot write {}: {e}", path.display()))
@@ -162,6 +156,22 @@ impl Drop for RunFolder {
     }
 }
 
+/// Why there is no folder for a run, with what to do about it.
+fn cannot_make(path: &Path, e: &io::Error) -> Fault {
+    let hint = match e.kind() {
+        ErrorKind::PermissionDenied => {
+            "name a folder that you may write to with --out, or ask whom it belongs to"
+        }
+        ErrorKind::StorageFull => "make room on the disk, or name another folder with --out",
+        _ => "name another folder with --out",
+    };
+    fault::failed(format!(
+        "cannot make the run's folder {}: {e}",
+        path.display()
+    ))
+    .hint(hint)
+}
+
 /// What UTC shows at time 0 of a run whose clock shows `now_s` now, ns since 1970.
 pub(crate) fn epoch_ns(now_s: f64) -> u64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
@@ -238,6 +248,33 @@ mod tests {
         let text = fs::read_to_string(partial.join("frames.csv")).unwrap();
         assert_eq!(text.lines().count(), 2);
     }
+
+    /// What keeps a run from having a folder is one sentence with the place, and a remedy that fits: no permission, a full disk, a file in its place.
+    #[test]
+    fn why_there_is_no_folder() {
+        let told = |kind: ErrorKind| {
+            let fault = cannot_make(Path::new("/rigs/runs"), &kind.into());
+            let text = fault.to_string();
+            let begins = "cannot make the run's folder /rigs/runs: ";
+            assert!(
+                text.starts_with(begins) && text.lines().count() == 1,
+                "{text}"
+            );
+            format!("{text}; {}", fault.remedy().unwrap())
+        };
+        let denied = told(ErrorKind::PermissionDenied);
+        assert!(
+            denied.contains("permission denied; name a folder that you may write to with --out"),
+            "{denied}"
+        );
+        assert!(told(ErrorKind::StorageFull).contains("make room"));
+        let out = tempfile::tempdir().unwrap();
+        let file = out.path().join("runs");
+        fs::write(&file, "").unwrap();
+        let text = RunFolder::create(&file).err().unwrap().to_string();
+        assert!(text.contains("runs: "), "{text}");
+    }
+
     /// A disk that fills up in mid-run: every row is offered and none makes an error; what is kept stays under its provisional name and says what it
     /// lacks, what can be had again goes. Rows that came before are whole.
     #[cfg(target_os = "linux")]

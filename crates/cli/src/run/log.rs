@@ -1,13 +1,14 @@
 //! Everything that is kept of a run while it goes on, and what is told of it at once.
 
-use vergence_capture::{Clock as _, RealClock, StereoFrame};
+use vergence_capture::{Clock as _, LiveStatistics, RealClock, StereoFrame};
 use vergence_control::supervisor::Decision;
 use vergence_control::{DriveEvent, RigState};
 use vergence_servo::{Conductor, HealthNote, Servo, Stage, Step, Stopwatch};
 
+use super::cameras::{Troubles, row_from_statistics};
 use super::feed::Feed;
 use super::folder::{RunFolder, epoch_ns};
-use super::panel::Panel;
+use super::panel::{Aside, Panel};
 use super::plot::Thinned;
 use super::record::Row;
 use super::recording::{About, Lag, Recording};
@@ -36,9 +37,13 @@ pub(super) struct Log {
     pub(super) watch: Stopwatch,
     pub(super) watched: Watched,
     pub(super) unused: Unused,
+    /// What went wrong with pictures of live cameras, as of the last look.
+    pub(super) troubles: Troubles,
     pub(super) recording: Option<Recording>,
     /// How long the newest pair lay there before the loop took it, s.
     pub(super) waited_s: f64,
+    /// How much later than it was due by the wall clock it was taken, s.
+    pub(super) late_s: f64,
     /// Changes of state of the rig that are known not to be told.
     pub(super) forgotten: u64,
 }
@@ -72,8 +77,10 @@ impl Log {
             watch: Stopwatch::start(),
             watched: Watched::default(),
             unused: Unused::default(),
+            troubles: Troubles::default(),
             recording: None,
             waited_s: 0.0,
+            late_s: 0.0,
             forgotten: 0,
         }
     }
@@ -107,7 +114,8 @@ impl Log {
 
     /// Wait until the wall clock has reached the run's; a frame that comes more than one period late is counted.
     pub(super) fn keep_pace(&mut self, clock: &mut RealClock, elapsed_s: f64, fps: f64) {
-        if clock.now_s() > elapsed_s + 1.0 / fps {
+        self.late_s = (clock.now_s() - elapsed_s).max(0.0);
+        if self.late_s > 1.0 / fps {
             self.wall.late_frames += 1;
         }
         clock.sleep_until(elapsed_s);
@@ -146,18 +154,29 @@ impl Log {
         let row = row_from_step(feed.truth_of(&scene.step), &scene, &plan.screening);
         let latency_s = self.take_times(&scene.step);
         self.take_events(&scene.step);
-        let health = self.watched.brief();
-        let skew_s = feed
-            .now_s()
-            .map(|_| (pair.left.capture_s - pair.right.capture_s).abs());
-        self.panel
-            .show(&row, self.watch.elapsed_s(), (latency_s, skew_s), health);
+        let live = feed.now_s().is_some();
+        let aside = Aside {
+            wall_s: self.watch.elapsed_s(),
+            latency_s,
+            skew_s: live.then(|| (pair.left.capture_s - pair.right.capture_s).abs()),
+            health: self.watched.brief(),
+            troubles: match live {
+                true => self.troubles,
+                false => Troubles {
+                    lost: feed.dropped_pairs(),
+                    late: self.wall.late_frames,
+                    doubled: 0,
+                },
+            },
+        };
+        self.panel.show(&row, &aside);
         self.rows.take(&row);
         self.drawn.take(&row);
         if let Some(recording) = &mut self.recording {
             let lag = Lag {
                 offset_s: conductor.offset_s(),
                 waited_s: self.waited_s,
+                late_s: self.late_s,
             };
             recording.take(pair, &scene.step, &row, lag);
         }
@@ -213,12 +232,22 @@ impl Log {
             }
             self.facts.events_left_out += push(&mut self.facts.camera_events, event);
         }
-        let (Some(now_s), Some(recording)) = (feed.now_s(), &mut self.recording) else {
+        if let Some(now_s) = feed.now_s()
+            && self.unused.is_due(now_s)
+            && let Some(statistics) = feed.statistics()
+        {
+            self.take_statistics(now_s, &statistics);
+        }
+    }
+
+    /// Keep what was counted and measured of live cameras so far.
+    fn take_statistics(&mut self, now_s: f64, statistics: &LiveStatistics) {
+        self.troubles = Troubles::of_cameras(statistics);
+        let Some(recording) = &mut self.recording else {
             return;
         };
-        if self.unused.is_due(now_s)
-            && let Some(text) = feed.statistics().and_then(|s| self.unused.sentence(&s))
-        {
+        recording.cameras(&row_from_statistics(now_s, statistics));
+        if let Some(text) = self.unused.sentence(statistics) {
             recording.unused(now_s, &text);
         }
     }
@@ -309,12 +338,16 @@ impl Log {
         if let Some(sentence) = self.watched.silence() {
             crate::output::say(&sentence);
         }
+        let cameras = feed.statistics();
+        if let (Some(now_s), Some(statistics)) = (feed.now_s(), &cameras) {
+            self.take_statistics(now_s, statistics);
+        }
         let facts = &mut self.facts;
         facts.health = std::mem::take(&mut self.watched).summary();
         facts.limit_violations = feed.limit_violations(plan.live.as_ref());
         facts.dropped_pairs = feed.dropped_pairs();
         facts.remarks = feed.remarks();
-        facts.cameras = feed.statistics();
+        facts.cameras = cameras;
         facts.recording = self.recording.take().map(Recording::finish);
     }
 

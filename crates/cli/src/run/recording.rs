@@ -1,12 +1,13 @@
 //! The recording of a run: `recording.mcap` in the run's folder, written beside the loop.
 
+use std::io::ErrorKind;
 use std::path::Path;
 
 use serde::Serialize;
 use vergence_capture::{SourceEvent, SourceEventKind, StereoFrame};
 use vergence_control::supervisor::Decision;
 use vergence_control::{AxisLimits, DriveEvent, DriveEventKind, RigState};
-use vergence_record::rows::{Happening, Parallax, Truth};
+use vergence_record::rows::{Cameras, Happening, Parallax, Truth};
 use vergence_record::{
     Beside, Description, FileStorage, Limits, Pictures, RecordSettings, RecordStatus, Recorder,
     Tape, WhenFull,
@@ -116,6 +117,8 @@ pub(crate) struct Lag {
     pub(crate) offset_s: f64,
     /// Since the pair had to wait for the loop.
     pub(crate) waited_s: f64,
+    /// Since the loop was not ready when the pair was due by the wall clock.
+    pub(crate) late_s: f64,
 }
 
 impl RecordingSummary {
@@ -143,18 +146,15 @@ impl Recording {
         servo: &Servo,
     ) -> anyhow::Result<Self> {
         let path = folder.join(NAME);
-        let cannot = |why: String| {
-            fault::failed(format!("cannot record to {}: {why}", path.display()))
-                .hint("make room on the disk, name another folder with --out, or run without a recording: --no-record")
-        };
-        let storage = FileStorage::create(&path).map_err(|e| cannot(e.to_string()))?;
+        let storage = FileStorage::create(&path)
+            .map_err(|e| cannot_record(&path, &e.to_string(), Some(e.kind())))?;
         let when_full = match about.real_time {
             true => WhenFull::Thin,
             false => WhenFull::Wait,
         };
         let description = description(plan, about, feed, servo);
         let recorder = Recorder::beside(description, plan.settings, Box::new(storage), when_full)
-            .map_err(|e| cannot(e.to_string()))?;
+            .map_err(|e| cannot_record(&path, &e.to_string(), None))?;
         Ok(Self {
             recorder,
             tape: plan.tape.clone(),
@@ -172,6 +172,7 @@ impl Recording {
             truth: truth(row),
             offset_s: lag.offset_s,
             waited_s: lag.waited_s,
+            late_s: lag.late_s,
         };
         self.recorder.step(pair, step, beside);
         self.tell();
@@ -187,6 +188,11 @@ impl Recording {
         };
         self.recorder.pair(pair, now_s, beside, reason);
         self.tell();
+    }
+
+    /// Take what was counted and measured of live cameras so far.
+    pub(crate) fn cameras(&mut self, row: &Cameras) {
+        self.recorder.cameras(row);
     }
 
     /// Take a sentence about pictures of live cameras that made no pair.
@@ -303,6 +309,16 @@ impl Recording {
     }
 }
 
+/// Why nothing is recorded, with what to do about it.
+fn cannot_record(path: &Path, why: &str, kind: Option<ErrorKind>) -> Fault {
+    let remedy = match kind {
+        Some(ErrorKind::PermissionDenied) => "name a folder that you may write to with --out",
+        _ => "make room on the disk, name another folder with --out",
+    };
+    fault::failed(format!("cannot record to {}: {why}", path.display()))
+        .hint(format!("{remedy}, or run without a recording: --no-record"))
+}
+
 fn description(plan: &RecordPlan, about: &About<'_>, feed: &Feed, servo: &Servo) -> Description {
     let info = feed.info();
     let mut facts: Vec<(String, String)> = [
@@ -384,4 +400,27 @@ fn truth(row: &Row) -> Option<Truth> {
         left_v_px: truth.left_px.map(|p| p[1]),
         pointing_px: truth.pointing_px.filter(|p| p.is_finite()),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    //! Proves: who may not write is told so and what to do; a disk that is full has another remedy. Disks that are full: `tests/recordings.rs`.
+    use super::*;
+
+    #[test]
+    fn why_nothing_is_recorded() {
+        let denied = std::io::Error::from(ErrorKind::PermissionDenied);
+        let path = Path::new("/rigs/recording.mcap");
+        let fault = cannot_record(path, &denied.to_string(), Some(denied.kind()));
+        assert_eq!(
+            fault.to_string(),
+            "cannot record to /rigs/recording.mcap: permission denied"
+        );
+        assert_eq!(
+            fault.remedy().unwrap(),
+            "name a folder that you may write to with --out, or run without a recording: --no-record"
+        );
+        let full = cannot_record(path, "the disk is full", None);
+        assert!(full.remedy().unwrap().starts_with("make room"));
+    }
 }

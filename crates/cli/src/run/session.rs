@@ -189,7 +189,7 @@ fn follow(
         let start_s = *first_s.get_or_insert(pair.capture_s());
         let elapsed_s = pair.capture_s() - start_s;
         if stop.is_asked() {
-            conductor.stop(due_s(feed, plan, &pair), "Ctrl-C or SIGTERM");
+            conductor.stop(due_s(feed, plan, &pair), Stop::REASON);
             break;
         }
         if plan.seconds.is_some_and(|limit| elapsed_s >= limit) {
@@ -278,7 +278,7 @@ fn wait_for_pair(
             continue;
         };
         if until.stop.is_asked() {
-            conductor.stop(now_s, "Ctrl-C or SIGTERM");
+            conductor.stop(now_s, Stop::REASON);
             return Ok(None);
         }
         if until.over_s.is_some_and(|over_s| now_s >= over_s) {

@@ -12,7 +12,7 @@ pub(crate) struct Unused {
     told: [u64; KINDS],
 }
 
-const KINDS: usize = 13;
+const KINDS: usize = 15;
 
 /// The counts with what they mean.
 fn counts(s: &LiveStatistics) -> [(u64, &'static str); KINDS] {
@@ -37,6 +37,14 @@ fn counts(s: &LiveStatistics) -> [(u64, &'static str); KINDS] {
         (right.frozen, "frozen pictures of the right camera"),
         (left.lost, "pictures that the left camera lost"),
         (right.lost, "pictures that the right camera lost"),
+        (
+            left.overrun,
+            "pictures of the left camera that the loop did not fetch in time",
+        ),
+        (
+            right.overrun,
+            "pictures of the right camera that the loop did not fetch in time",
+        ),
     ]
 }
 
@@ -65,36 +73,14 @@ impl Unused {
 
 #[cfg(test)]
 mod tests {
-    use vergence_capture::live::{CameraCounts, CameraStatistics, SpreadSummary};
-    use vergence_capture::{CameraState, PairingCounts};
-
+    use super::super::cameras::tests::nothing;
     use super::*;
 
     /// What is new is told once, with its number; nothing new is not told, and a look is due once a second.
     #[test]
     fn what_is_new_is_told_once() {
-        let camera = || CameraStatistics {
-            name: String::new(),
-            counts: CameraCounts::default(),
-            state: CameraState::Live,
-            late: 0,
-            period: SpreadSummary::default(),
-            jitter: SpreadSummary::default(),
-            latency: SpreadSummary::default(),
-        };
-        let mut statistics = LiveStatistics {
-            left: camera(),
-            right: camera(),
-            pairing: PairingCounts::default(),
-            skipped_pairs: 0,
-            too_far_apart: 2,
-            stalls: 0,
-            skew: SpreadSummary::default(),
-            offset_s: None,
-            offset_ambiguous: false,
-            offset_of_exposure: false,
-            events_left_out: 0,
-        };
+        let mut statistics = nothing();
+        statistics.too_far_apart = 2;
         let mut unused = Unused::default();
         let told = unused.sentence(&statistics);
         assert_eq!(

@@ -18,7 +18,9 @@ use vergence_calib::MachineCalibration;
 use vergence_calib::solve::TurningAxis;
 use vergence_capture::{RealClock, Source as _, Standing, TwinConfig, TwinSource, TwinTruth};
 use vergence_control::HeadConfig;
-use vergence_control::grbl::{GrblTerminal, SharedGrbl, SimulatedGrbl, SimulatedGrblConfig};
+use vergence_control::grbl::{
+    GrblFault, GrblTerminal, SharedGrbl, SimulatedGrbl, SimulatedGrblConfig,
+};
 use vergence_geometry::{Camera, Eye, HeadAngles, Intrinsics};
 use vergence_scene::{PathSpec, TwinCamera, read_waypoints};
 
@@ -166,6 +168,12 @@ impl Axes {
     /// Where the axes truly stood at a time of the last seconds, degrees.
     pub(crate) fn angles_deg(&self, at_s: f64) -> [f64; 4] {
         angles(&mut self.grbl.lock(), self.now_s(), at_s).map(f64::to_degrees)
+    }
+
+    /// A switch at the end of an axis is hit: the controller cuts its steps off with an alarm.
+    pub(crate) fn alarm(&self) {
+        let now_s = self.now_s();
+        self.grbl.lock().fault(GrblFault::Alarm(1), now_s);
     }
 
     /// How often the motion so far was faster, accelerated more or changed more suddenly than an axis may, by the controller's own audit.

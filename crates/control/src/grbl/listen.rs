@@ -127,13 +127,12 @@ impl GrblDrive {
                 self.usual_s = USUAL_S;
                 self.ask_next_s = self.now_s;
             }
-            (Err(code), homing) => {
-                *homing = None;
+            (Err(code), _) => {
                 let (what, remedy) = error_meaning(code);
-                self.tell(
-                    DriveEventKind::Refused,
-                    format!("the controller refused to home (error {code}: {what}): {remedy}"),
-                );
+                // A fault, so that nobody waits for the end of what never began.
+                self.fail(&format!(
+                    "the controller refused to home (error {code}: {what}): {remedy}; release the fault and home again"
+                ));
             }
             (Ok(()), None) => {}
         }

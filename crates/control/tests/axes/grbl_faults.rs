@@ -171,6 +171,20 @@ fn a_feed_hold_at_the_controller_keeps_the_zeros() {
     assert_eq!(rig.grbl.lock().resets(), 1);
 }
 
+/// The order to home is damaged on the line, and refused: that is a fault, which a person releases, and nobody waits for the end of it.
+#[test]
+fn a_refused_order_to_home_is_a_fault() {
+    let mut rig = Rig::new();
+    rig.run(1.0, None);
+    rig.grbl.lock().fault(GrblFault::Error(1), rig.now_s);
+    rig.drive.home(rig.now_s).unwrap();
+    rig.run(0.3, None);
+    assert_eq!(rig.drive.states(), [AxisState::Fault; 4]);
+    let told = rig.drive.fault().unwrap();
+    assert!(told.contains("refused to home (error 1"), "{told}");
+    rig.recover();
+}
+
 /// Faults by name, and whether the axes then need a person's word.
 fn faults() -> Vec<(&'static str, GrblFault, bool)> {
     // The motion of the test is at 6 s when they are planted.

@@ -164,6 +164,69 @@ fn times_of_the_world() {
     assert_eq!(pictures, PAIRS);
 }
 
+/// What was counted and measured of live cameras comes back, every figure, with the time of the run; a late pair says by how much. The twin's recordings
+/// and those of runs that nobody waited for have no such channel, as before there was one.
+#[test]
+fn counts_of_cameras_come_back() {
+    let cameras = |second: u64| rows::Cameras {
+        time_s: second as f64,
+        left_frames: 30 * second,
+        left_late: second,
+        right_clock_jumps: 1,
+        right_jitter_s: (second > 1).then_some(1.0 / 3.0),
+        doubled: u64::MAX,
+        offset_s: Some(-0.004),
+        ..rows::Cameras::default()
+    };
+    for (timing, truth) in [(true, false), (true, true), (false, false)] {
+        let disk = Disk::new();
+        let described = Description {
+            timing,
+            truth,
+            ..description(SIZE)
+        };
+        let mut recorder = Recorder::here(described, png(), Box::new(disk.clone())).unwrap();
+        for second in 1..=3 {
+            let pair = pair(30 * second, SIZE);
+            let beside = Beside {
+                late_s: 0.05 * second as f64,
+                ..Beside::default()
+            };
+            recorder.step(&pair, &step(&pair), beside);
+            recorder.cameras(&cameras(second));
+        }
+        recorder.finish(4.0).1.unwrap();
+        let bytes = disk.bytes();
+        let info = Info::read(&bytes[..]).unwrap();
+        assert!(info.contents.finished && info.unreadable == 0);
+        let is_live = timing && !truth;
+        let there = info.channels.iter().any(|c| c.topic == "/cameras");
+        assert_eq!(there, is_live);
+        let mut recording = Recording::new(&bytes[..]).unwrap();
+        let (mut counts, mut late_s) = (Vec::new(), Vec::new());
+        while let Some(message) = recording.next_message().unwrap() {
+            match message.topic {
+                Some(Topic::Cameras) => {
+                    counts.push(rows::Cameras::decode(&message.data).unwrap());
+                }
+                Some(Topic::Timing) => {
+                    late_s.push(rows::Timing::decode(&message.data).unwrap().late_s);
+                }
+                _ => {}
+            }
+        }
+        let wanted = if is_live { 3 } else { 0 };
+        assert_eq!(counts, (1..=wanted).map(cameras).collect::<Vec<_>>());
+        assert_eq!(late_s.len(), if timing { 3 } else { 0 });
+        assert!(
+            late_s
+                .iter()
+                .zip(1..)
+                .all(|(s, n)| *s == 0.05 * f64::from(n))
+        );
+    }
+}
+
 /// The time stamp of a message of Foxglove's, its field 1, ns.
 fn stamp_in(data: &[u8]) -> u64 {
     use vergence_record::proto::{Value, fields};

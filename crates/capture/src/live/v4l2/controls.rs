@@ -6,6 +6,8 @@
 use moq_v4l::Device;
 use moq_v4l::control::{Control, Type, Value};
 
+use super::super::abilities::ControlOffer;
+use super::super::agreed::LockedControl;
 use super::super::settings::V4l2Controls;
 use super::device::guarded;
 
@@ -134,6 +136,38 @@ fn ranges(device: &Device, camera: &str) -> Vec<(u32, Range)> {
     numbers.map(range).collect()
 }
 
+/// The controls of a camera among those that must be equal, and where they stand.
+pub(super) fn offers(device: &Device, camera: &str) -> Vec<ControlOffer> {
+    let told = ranges(device, camera);
+    let offer = |&(id, name): &(u32, &'static str)| {
+        let range = told.iter().find(|r| r.0 == id)?.1;
+        Some(ControlOffer {
+            name,
+            least: range.least,
+            most: range.most,
+            step: range.step,
+            now: read(device, camera, id)?,
+        })
+    };
+    VALUES.iter().filter_map(offer).collect()
+}
+
+/// The automatics that a camera has among those that are switched off.
+pub(super) fn automatics(device: &Device, camera: &str) -> Vec<&'static str> {
+    let has = AUTOMATICS.iter();
+    let has = has.filter(|automatic| read(device, camera, automatic.id).is_some());
+    has.map(|automatic| automatic.name).collect()
+}
+
+/// Sentences about what is not as it was to be.
+#[derive(Debug, Default)]
+pub(super) struct Told {
+    /// All of them.
+    pub(super) remarks: Vec<String>,
+    /// Those after which the cameras may differ.
+    pub(super) unset: Vec<String>,
+}
+
 /// What every device gets, now and whenever it is opened again.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Locked {
@@ -143,17 +177,16 @@ pub(super) struct Locked {
 
 impl Locked {
     /// Switch the automatics off, choose one value for all devices, set it and read it back. Returned beside it are sentences about what is
-    /// not equal.
+    /// not as it was to be.
     pub(super) fn agree(
         devices: &[Device],
         names: &[String],
         wanted: &V4l2Controls,
-    ) -> (Self, Vec<String>) {
+    ) -> (Self, Told) {
+        let (mut locked, mut sentences) = (Self::default(), Told::default());
         if wanted.leave {
-            return (Self::default(), Vec::new());
+            return (locked, sentences);
         }
-        let mut locked = Self::default();
-        let mut remarks = Vec::new();
         for Automatic { id, name, off } in AUTOMATICS {
             let has = devices
                 .iter()
@@ -189,12 +222,23 @@ impl Locked {
             let limits: Vec<Option<Range>> = told.iter().map(range).collect();
             let (value, remark) = one_value(name, names, said, &found, &limits);
             locked.values.extend(value.map(|value| (id, name, value)));
-            remarks.extend(remark);
+            if value.is_none() {
+                sentences.unset.extend(remark.clone());
+            }
+            sentences.remarks.extend(remark);
         }
         for (device, camera) in devices.iter().zip(names) {
-            remarks.extend(locked.apply(device, camera));
+            let complaints = locked.apply(device, camera);
+            sentences.unset.extend_from_slice(&complaints);
+            sentences.remarks.extend(complaints);
         }
-        (locked, remarks)
+        (locked, sentences)
+    }
+
+    /// What was set, in order.
+    pub(super) fn told(&self) -> Vec<LockedControl> {
+        let one = |&(_, name, value): &(u32, &'static str, i64)| LockedControl { name, value };
+        self.values.iter().map(one).collect()
     }
 
     /// Set everything on a device and read it back; a sentence for each that has another value afterwards.

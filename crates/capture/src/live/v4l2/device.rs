@@ -149,22 +149,41 @@ pub(super) fn common_format(
     for (device, name) in devices.iter().zip(names) {
         have.push(formats_with(device, name, size, asked)?);
     }
+    format_of_all(names, &have, size)
+}
+
+/// The first of [`PixelFormat::ALL`] that stands in every list.
+fn format_of_all(
+    names: &[String],
+    have: &[Vec<PixelFormat>],
+    (width, height): (usize, usize),
+) -> Result<PixelFormat, CaptureError> {
     let common = PixelFormat::ALL
         .into_iter()
         .find(|format| have.iter().all(|h| h.contains(format)));
     common.ok_or_else(|| {
-        let told = |i: usize| {
-            let formats: Vec<&str> = have[i].iter().map(|f| f.name()).collect();
-            format!("{} gives {}", names[i], formats.join(", "))
+        let told = |(name, formats): (&String, &Vec<PixelFormat>)| {
+            let formats: Vec<&str> = formats.iter().map(|f| f.name()).collect();
+            format!("{name} gives {}", formats.join(", "))
         };
-        let all: Vec<String> = (0..names.len()).map(told).collect();
+        let all: Vec<String> = names.iter().zip(have).map(told).collect();
         CaptureError::Unequal(format!(
-            "{} in {}x{} pixels; there must be one format that both have",
-            all.join(", "),
-            size.0,
-            size.1
+            "{} in {width}x{height} pixels; there must be one format that both have: use two cameras of one type, or a size in which they share a format",
+            all.join(", ")
         ))
     })
+}
+
+/// Refuse rates that differ by more than 1 %, where both are told.
+pub(super) fn one_rate(names: &[String], fps: &[Option<f64>]) -> Result<(), CaptureError> {
+    match (fps, names) {
+        (&[Some(left), Some(right)], [of_left, of_right]) if (left / right - 1.0).abs() > 0.01 => {
+            Err(CaptureError::Unequal(format!(
+                "{of_left} gives {left:.2} pictures a second, {of_right} {right:.2}; ask for a rate that both have"
+            )))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// The formats that a device gives in this size; never empty.
@@ -175,47 +194,69 @@ fn formats_with(
     asked: Option<PixelFormat>,
 ) -> Result<Vec<PixelFormat>, CaptureError> {
     let offered = guarded(name, || device.enum_formats())?;
-    let known: Vec<PixelFormat> = PixelFormat::ALL
-        .into_iter()
-        .filter(|f| offered.iter().any(|o| o.fourcc == fourcc(*f)))
-        .filter(|f| asked.is_none_or(|asked| asked == *f))
-        .collect();
-    let refuse = |why: String| CaptureError::Camera {
-        camera: name.to_owned(),
-        what: "cannot be used".to_owned(),
-        why,
-    };
-    if known.is_empty() {
-        let all: Vec<String> = offered
-            .iter()
-            .map(|o| o.fourcc.to_string())
-            .take(LISTED)
-            .collect();
-        let wanted = asked.map_or_else(
-            || "YUYV, RGB3, NV12, MJPG or GREY".to_owned(),
-            |f| f.name().to_owned(),
-        );
-        return Err(refuse(format!(
-            "it gives {}; needed is {wanted}",
-            all.join(", ")
-        )));
-    }
+    let offered: Vec<FourCC> = offered.iter().map(|o| o.fourcc).collect();
+    let known = known_formats(name, &offered, asked)?;
     let fitting: Vec<PixelFormat> = known
         .iter()
         .copied()
         .filter(|f| has_size(device, name, *f, size))
         .collect();
     if fitting.is_empty() {
-        let sizes = known
-            .first()
-            .map(|f| sizes_text(device, *f))
-            .unwrap_or_default();
-        return Err(refuse(format!(
-            "it does not give {}x{} pixels, the size of the calibration{sizes}; calibrate in a size that it has",
-            size.0, size.1
-        )));
+        let sizes = known.first().map(|f| sizes_of(device, *f));
+        return Err(no_size(name, size, &sizes.unwrap_or_default()));
     }
     Ok(fitting)
+}
+
+fn unusable(name: &str, why: String) -> CaptureError {
+    CaptureError::Camera {
+        camera: name.to_owned(),
+        what: "cannot be used".to_owned(),
+        why,
+    }
+}
+
+/// Those of the offered formats that can be read, or the one that was asked for; never empty.
+fn known_formats(
+    name: &str,
+    offered: &[FourCC],
+    asked: Option<PixelFormat>,
+) -> Result<Vec<PixelFormat>, CaptureError> {
+    let known: Vec<PixelFormat> = PixelFormat::ALL
+        .into_iter()
+        .filter(|f| offered.contains(&fourcc(*f)))
+        .filter(|f| asked.is_none_or(|asked| asked == *f))
+        .collect();
+    if !known.is_empty() {
+        return Ok(known);
+    }
+    let all: Vec<String> = offered
+        .iter()
+        .map(ToString::to_string)
+        .take(LISTED)
+        .collect();
+    let (wanted, remedy) = match asked {
+        Some(format) => (format.name(), "ask for a format that it gives, or for none"),
+        None => (
+            "YUYV, RGB3, NV12, MJPG or GREY",
+            "use a camera that gives one of these",
+        ),
+    };
+    let all = all.join(", ");
+    let why = format!("it gives {all}; needed is {wanted}: {remedy}");
+    Err(unusable(name, why))
+}
+
+/// That a device has no such size, and which ones it has as far as it tells.
+fn no_size(name: &str, (width, height): (usize, usize), sizes: &[String]) -> CaptureError {
+    let has = match sizes {
+        [] => String::new(),
+        sizes => format!("; it gives {}", sizes.join(", ")),
+    };
+    let why = format!(
+        "it does not give {width}x{height} pixels{has}; calibrate in a size that it has, and ask for that"
+    );
+    unusable(name, why)
 }
 
 /// Whether a device has this size. A driver that lists none is asked by setting it.
@@ -244,18 +285,14 @@ fn has_size(device: &Device, name: &str, format: PixelFormat, size: (usize, usiz
     }
 }
 
-/// "; it gives 640x480, 1280x720".
-fn sizes_text(device: &Device, format: PixelFormat) -> String {
-    let Ok(sizes) = device.enum_framesizes(fourcc(format)) else {
-        return String::new();
-    };
-    let all: Vec<String> = sizes
-        .iter()
+/// The first sizes that a device tells of a format, "640x480".
+fn sizes_of(device: &Device, format: PixelFormat) -> Vec<String> {
+    let told = device.enum_framesizes(fourcc(format)).unwrap_or_default();
+    told.iter()
         .map(|s| s.size.to_string())
         .map(|s| s.replace("Discrete(", "").replace(')', ""))
         .take(LISTED)
-        .collect();
-    format!("; it gives {}", all.join(", "))
+        .collect()
 }
 
 impl Mode {
@@ -320,5 +357,74 @@ impl Mode {
     pub(super) fn stride(&self, device: &Device, name: &str) -> Result<usize, CaptureError> {
         let format = guarded(name, || device.format())?;
         Ok(format.stride as usize)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    //! Proves: what two devices offer becomes the first format of both, and whoever offers too little, or something else than the other one, is told so with
+    //! what to do; rates that differ by more than a hundredth are refused.
+    use super::*;
+    use PixelFormat::{Grey, Mjpeg, Nv12, Rgb24, Yuyv};
+
+    fn names() -> [String; 2] {
+        ["/dev/video0", "/dev/video2"].map(str::to_owned)
+    }
+
+    fn told<T: std::fmt::Debug>(result: Result<T, CaptureError>) -> String {
+        result.unwrap_err().to_string()
+    }
+
+    #[test]
+    fn the_first_format_of_both() {
+        let both = |left: &[PixelFormat], right: &[PixelFormat]| {
+            format_of_all(&names(), &[left.to_vec(), right.to_vec()], (640, 480))
+        };
+        assert_eq!(both(&[Mjpeg, Yuyv], &[Yuyv, Mjpeg]).unwrap(), Yuyv);
+        assert_eq!(both(&[Yuyv, Mjpeg], &[Grey, Mjpeg]).unwrap(), Mjpeg);
+        assert_eq!(both(&[Grey, Nv12, Rgb24], &[Nv12, Rgb24]).unwrap(), Rgb24);
+        let alone = format_of_all(&names()[..1], &[vec![Grey]], (640, 480));
+        assert_eq!(alone.unwrap(), Grey);
+        assert_eq!(
+            told(both(&[Yuyv, Nv12], &[Mjpeg])),
+            "left and right do not belong together: /dev/video0 gives YUYV, NV12, /dev/video2 gives MJPG in 640x480 pixels; there must be one format that both \
+             have: use two cameras of one type, or a size in which they share a format"
+        );
+    }
+
+    #[test]
+    fn one_rate_for_both() {
+        let rate = |left, right| one_rate(&names(), &[left, right]);
+        assert!(rate(Some(30.0), Some(29.97)).is_ok());
+        assert!(rate(Some(30.0), None).is_ok() && rate(None, None).is_ok());
+        assert!(one_rate(&names()[..1], &[Some(30.0)]).is_ok());
+        let differ = "left and right do not belong together: /dev/video0 gives 30.00 pictures a second, /dev/video2 15.00; ask for a rate that both have";
+        assert_eq!(told(rate(Some(30.0), Some(15.0))), differ);
+        assert!(rate(Some(15.0), Some(30.0)).is_err());
+    }
+
+    #[test]
+    fn what_one_device_lacks() {
+        let offered = [*b"H264", *b"MJPG", *b"YUYV"].map(|code| FourCC::new(&code));
+        let known = |asked| known_formats("/dev/video0", &offered, asked);
+        assert_eq!(known(None).unwrap(), [Yuyv, Mjpeg]);
+        assert_eq!(known(Some(Mjpeg)).unwrap(), [Mjpeg]);
+        assert_eq!(
+            told(known(Some(Grey))),
+            "/dev/video0 cannot be used: it gives H264, MJPG, YUYV; needed is GREY: ask for a format that it gives, or for none"
+        );
+        assert_eq!(
+            told(known_formats("/dev/video0", &offered[..1], None)),
+            "/dev/video0 cannot be used: it gives H264; needed is YUYV, RGB3, NV12, MJPG or GREY: use a camera that gives one of these"
+        );
+        let sizes = ["640x480".to_owned(), "1280x720".to_owned()];
+        assert_eq!(
+            no_size("/dev/video0", (641, 480), &sizes).to_string(),
+            "/dev/video0 cannot be used: it does not give 641x480 pixels; it gives 640x480, 1280x720; calibrate in a size that it has, and ask for that"
+        );
+        assert_eq!(
+            no_size("/dev/video0", (641, 480), &[]).to_string(),
+            "/dev/video0 cannot be used: it does not give 641x480 pixels; calibrate in a size that it has, and ask for that"
+        );
     }
 }

@@ -112,6 +112,9 @@ pub(crate) enum Spoil {
 /// What the camera is and does; a test looks at it and changes it.
 pub(crate) struct State {
     pub(crate) name: String,
+    /// The formats that it has, by their numbers, and what it says of its rate.
+    pub(crate) sends: Vec<u8>,
+    pub(crate) fps: u32,
     pub(crate) levels: Vec<Level>,
     /// All that was set, in order.
     pub(crate) set: Vec<(&'static str, i32)>,
@@ -132,6 +135,8 @@ impl State {
     pub(crate) fn new(name: &str) -> Self {
         Self {
             name: name.to_owned(),
+            sends: vec![tell::MJPEG, tell::YUYV],
+            fps: FPS,
             levels: vec![
                 // A list of bits: manual and aperture priority; the latter is on.
                 Level::new(1, 8, 9, 8),
@@ -248,7 +253,7 @@ impl Function for Answers {
         let [low, high] = setup.value.to_le_bytes();
         match (setup.kind, setup.request, high) {
             (0x80, 6, 1) => Some(tell::device()),
-            (0x80, 6, 2) => Some(tell::configuration()),
+            (0x80, 6, 2) => Some(tell::configuration(&state.sends, state.fps)),
             (0x80, 6, 3) => tell::string(low, &state.name),
             // Configuration and setting are the only ones; the state is "fed by the bus".
             (0x00, 9, _) | (0x01, 11, _) => Some(Vec::new()),
@@ -263,7 +268,7 @@ impl Function for Answers {
                     (SET_CUR, 1) => state.agreed = *data.get(2)?,
                     (SET_CUR, _) => state.sending = Some(*data.get(2)?),
                     (GET_INFO, _) => return Some(vec![3]),
-                    _ => return Some(tell::agreement(state.agreed)),
+                    _ => return Some(tell::agreement(state.agreed, state.fps)),
                 }
                 Some(Vec::new())
             }

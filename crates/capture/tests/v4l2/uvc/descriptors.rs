@@ -1,6 +1,6 @@
 //! How a camera describes itself: USB 2.0, chapter 9, and the USB video class 1.1, chapter 3.
 
-use super::camera::{CONTROLS, FPS, SIZE, UNITS};
+use super::camera::{CONTROLS, SIZE, UNITS};
 
 /// The endpoint that sends pictures.
 pub(crate) const ENDPOINT: u8 = 0x81;
@@ -45,7 +45,8 @@ pub(crate) fn string(index: u8, name: &str) -> Option<Vec<u8>> {
     })
 }
 
-pub(crate) fn configuration() -> Vec<u8> {
+/// A camera that sends these formats, so many pictures a second.
+pub(crate) fn configuration(sends: &[u8], fps: u32) -> Vec<u8> {
     let association = block(&[&[0x0b, 0, 2, 0x0e, 3, 0, 0]]);
     let control = block(&[&[4, 0, 0, 0, 0x0e, 1, 0, 0]]);
     let streaming = block(&[&[4, 1, 0, 1, 0x0e, 2, 0, 0]]);
@@ -57,7 +58,7 @@ pub(crate) fn configuration() -> Vec<u8> {
         control,
         topology(),
         streaming,
-        formats(),
+        formats(sends, fps),
         endpoint,
     ];
     row(all.concat(), 2)
@@ -82,24 +83,35 @@ fn topology() -> Vec<u8> {
     row([header, terminal, unit, output].concat(), 5)
 }
 
-fn formats() -> Vec<u8> {
-    let header = block(&[&[0x24, 1, 2, 0, 0, ENDPOINT, 0, 3, 0, 0, 0, 1, 0, 0]]);
-    let mjpeg = block(&[&[0x24, 6, MJPEG, 1, 1, 1, 0, 0, 0, 0]]);
+fn formats(sends: &[u8], fps: u32) -> Vec<u8> {
+    // No still pictures, no trigger; a byte without meaning for each format.
+    let count = sends.len() as u8;
+    let head = [0x24, 1, count, 0, 0, ENDPOINT, 0, 3, 0, 0, 0, 1];
+    let mut all = vec![block(&[&head, &vec![0; sends.len()]])];
+    for &format in sends {
+        all.push(match format {
+            YUYV => uncompressed(),
+            _ => block(&[&[0x24, 6, MJPEG, 1, 1, 1, 0, 0, 0, 0]]),
+        });
+        all.push(frame(if format == YUYV { 5 } else { 7 }, fps));
+    }
+    all.push(block(&[&[0x24, 13, 1, 1, 4]]));
+    row(all.concat(), 4)
+}
+
+fn uncompressed() -> Vec<u8> {
     // {32595559-0000-0010-8000-00aa00389b71}, 16 bits a pixel.
     let guid = [
         b'Y', b'U', b'Y', b'2', 0, 0, 0x10, 0, 0x80, 0, 0, 0xaa, 0, 0x38, 0x9b, 0x71,
     ];
-    let yuyv = block(&[&[0x24, 4, YUYV, 1], &guid, &[16, 1, 0, 0, 0, 0]]);
-    let colours = block(&[&[0x24, 13, 1, 1, 4]]);
-    let all = [header, mjpeg, frame(7), yuyv, frame(5), colours];
-    row(all.concat(), 4)
+    block(&[&[0x24, 4, YUYV, 1], &guid, &[16, 1, 0, 0, 0, 0]])
 }
 
 /// The only size and rate.
-fn frame(kind: u8) -> Vec<u8> {
+fn frame(kind: u8, fps: u32) -> Vec<u8> {
     let side = |n: usize| (n as u16).to_le_bytes();
-    let rate = (8 * RAW_BYTES as u32 * FPS).to_le_bytes();
-    let period = interval().to_le_bytes();
+    let rate = (8 * RAW_BYTES as u32 * fps).to_le_bytes();
+    let period = interval(fps).to_le_bytes();
     block(&[
         &[0x24, kind, 1, 0],
         &side(SIZE.0),
@@ -114,16 +126,16 @@ fn frame(kind: u8) -> Vec<u8> {
 }
 
 /// From picture to picture, units of 100 ns.
-pub(crate) fn interval() -> u32 {
-    10_000_000 / FPS
+fn interval(fps: u32) -> u32 {
+    10_000_000 / fps
 }
 
 /// What is agreed on before pictures are sent (table 4-47): the format is the host's choice, the rest ours.
-pub(crate) fn agreement(format: u8) -> Vec<u8> {
+pub(crate) fn agreement(format: u8, fps: u32) -> Vec<u8> {
     let mut all = vec![0; 34];
     all[2] = if format == YUYV { YUYV } else { MJPEG };
     all[3] = 1;
-    all[4..8].copy_from_slice(&interval().to_le_bytes());
+    all[4..8].copy_from_slice(&interval(fps).to_le_bytes());
     all[18..22].copy_from_slice(&(RAW_BYTES as u32).to_le_bytes());
     all[22..26].copy_from_slice(&(PAYLOAD as u32).to_le_bytes());
     all[26..30].copy_from_slice(&CLOCK_HZ.to_le_bytes());
