@@ -84,7 +84,7 @@ fn signals_leave_whole_files_and_axes_at_rest() {
     let _alone = alone();
     for signal in ["-INT", "-TERM", "-HUP"] {
         let out = tempfile::tempdir().unwrap();
-        let mut child = started(&mut run_in(out.path(), &[]));
+        let mut child = started(&mut hearing(&run_in(out.path(), &[])));
         wait_for_rows(out.path());
         if signal == "-HUP" {
             // Nobody hears any more what the program says. The kernel tells it that, and so does the shell.
@@ -131,6 +131,19 @@ fn run_in(out: &Path, args: &[&str]) -> Command {
     let mut command = command(&run);
     command.arg(out).args(SMALL).args(args);
     command
+}
+
+/// The same, hearing a hangup whether or not these tests do (they may have been started with `nohup`).
+fn hearing(run: &Command) -> Command {
+    if !cfg!(target_os = "linux") {
+        let mut same = Command::new(run.get_program());
+        same.args(run.get_args());
+        return same;
+    }
+    let mut env = Command::new("env");
+    env.arg("--default-signal=HUP");
+    env.arg(run.get_program()).args(run.get_args());
+    env
 }
 
 fn started(command: &mut Command) -> Child {
