@@ -81,8 +81,11 @@ fn asked(spec: &MotorsSpec, settings: &Settings, absent: Status) -> Check {
         ));
     }
     let (states, limits) = (live.states(), live.limits());
-    // What it said of itself when it was connected to, if it did.
-    let said = live.take_events().pop().map(|e| e.text);
+    // A Grbl tells its axes and its buffer, and what could be set better, when it is connected to.
+    let said = match spec {
+        MotorsSpec::Grbl(_) => live.take_events().pop().map(|e| e.text),
+        _ => None,
+    };
     let mut parts = vec![said.unwrap_or_else(|| live.name())];
     for axis in AxisName::ALL {
         let l = limits[axis.index()];
