@@ -151,6 +151,10 @@ fn worker(asked: &Asked, next: &AtomicU64) -> anyhow::Result<Vec<Verdict>> {
             Ok(verdict) => verdict.with_context(|| format!("seed {}", plan.seed))?,
             Err(_) => Verdict::panicked(plan.seed),
         };
+        if let Some(text) = verdict.violations.first() {
+            // A thousand seeds take three quarters of an hour.
+            eprintln!("seed {}: {text}", verdict.seed);
+        }
         verdicts.push(verdict);
     }
 }
