@@ -20,7 +20,7 @@ use crate::prior::prior_from_estimate;
 use crate::rigging::{Permit, Rigging, Stance};
 use crate::stages::{Stage, StageTimes};
 use crate::step::{Measured, Step};
-use crate::target::{Place, Probation, Target};
+use crate::target::{Place, Target};
 use crate::watch::{HealthNote, Watch, WatchSettings};
 use crate::wide::{is_wide, look};
 use crate::zeros::{LostZero, Zeros};
@@ -164,13 +164,8 @@ impl Servo {
         }
         let measured = times.timed(Stage::Measure, || self.range(&stance, pair, &mut report));
         let (update, estimate, aim, control) = times.timed(Stage::Control, || {
-            let probation = match (self.follower.on_probation(), self.follower.has_taken_back()) {
-                (_, true) => Probation::TakenBack,
-                (true, false) => Probation::On,
-                (false, false) => Probation::None,
-            };
             self.target
-                .put_on_probation(report.sighting.as_ref(), probation);
+                .put_on_probation(report.sighting.as_ref(), self.follower.probation());
             let update = report
                 .sighting
                 .as_ref()
@@ -216,14 +211,16 @@ impl Servo {
         report: &mut Report,
     ) -> Option<Measurement> {
         let capture_s = pair.capture_s();
-        let sighting = report.sighting?;
+        let Some(sighting) = report.sighting else {
+            if !self.is_given && self.target.is_blank() {
+                self.let_go(report);
+            }
+            return None;
+        };
         let (measured, note) = self.measure(stance, &sighting, pair);
         let place = measured.as_ref().map(|m| self.place(stance, m));
-        if !self.is_given && self.target.is_blank(place.as_ref(), capture_s) {
-            self.follower.release();
-            self.target.forget();
-            report.sighting = None;
-            report.state = FollowState::Searching;
+        if !self.is_given && self.target.stays_blank(place.as_ref(), capture_s) {
+            self.let_go(report);
             return None;
         }
         let anchor = &sighting.anchor_px;
@@ -244,6 +241,15 @@ impl Servo {
             _ => FollowState::Occluded,
         };
         None
+    }
+
+    /// What was followed is nobody: whoever moves is looked for.
+    fn let_go(&mut self, report: &mut Report) {
+        self.follower.release();
+        self.target.forget();
+        report.sighting = None;
+        report.expected = None;
+        report.state = FollowState::Searching;
     }
 
     /// Take the answer of an earlier look at the rig when it is due, give the next pair when that is, and correct where the right camera stands.

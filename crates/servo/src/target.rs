@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use vergence_track::filter::{
     FilterError, FilterSettings, Observation, Sight, TargetEstimate, TargetFilter, Update, Verdict,
 };
-use vergence_track::{Sighting, SightingKind, was_blind};
+use vergence_track::{Probation, Sighting, SightingKind, was_blind};
 
 use crate::claims::Claims;
 use crate::expect::Expectation;
@@ -38,17 +38,6 @@ const ANSWER_M: f64 = 0.5;
 /// wall that seemed to move.
 const BLANK_S: f64 = 0.7;
 const BLANK_PAIRS: u32 = 3;
-
-/// What the follower says of a target that it has seen again.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Probation {
-    /// It is the target, or nothing is seen.
-    None,
-    /// It may be taken back.
-    On,
-    /// It was something else.
-    TakenBack,
-}
 
 /// A place that was measured, and how well its distance is known.
 #[derive(Clone, Copy, Debug)]
@@ -114,8 +103,13 @@ impl Target {
         self.blank = None;
     }
 
+    /// Whether something was found that has had no distance yet. Out of sight it is nobody: there is no place to wait for it at.
+    pub(crate) fn is_blank(&self) -> bool {
+        self.blank.is_some()
+    }
+
     /// Whether what is seen has had no distance since it was found, and should have by now. To be called for every sighting.
-    pub(crate) fn is_blank(&mut self, place: Option<&Place>, capture_s: f64) -> bool {
+    pub(crate) fn stays_blank(&mut self, place: Option<&Place>, capture_s: f64) -> bool {
         if place.is_some() || self.filter.is_started() {
             self.blank = None;
             return false;
@@ -341,12 +335,26 @@ mod tests {
                     };
                     target.observe(now_s, sight, Some(there)).unwrap();
                 }
-                target.is_blank(there.as_ref(), now_s)
+                target.stays_blank(there.as_ref(), now_s)
             })
         };
         assert_eq!(let_go(30.0, None), Some(22));
         assert_eq!(let_go(2.0, None), Some(3));
         assert_eq!(let_go(30.0, Some(15)), None);
+    }
+
+    /// Only what was found and never had a distance is nobody once it is out of sight.
+    #[test]
+    fn who_had_a_distance_is_waited_for() {
+        let mut target = standing();
+        assert!(!target.stays_blank(None, 1.0) && !target.is_blank());
+        target.forget();
+        assert!(!target.is_blank());
+        assert!(!target.stays_blank(None, 2.0) && target.is_blank());
+        assert!(!target.stays_blank(Some(&place(0.0, 5.0)), 2.1) && !target.is_blank());
+        assert!(!target.stays_blank(None, 2.2) && target.is_blank());
+        target.forget();
+        assert!(!target.is_blank());
     }
 
     /// Who was expected to walk on may have stopped where last seen; nobody is suddenly a metre higher or lower.

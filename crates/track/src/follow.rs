@@ -24,6 +24,7 @@ use serde::{Deserialize, Serialize};
 
 pub use self::checks::check_box;
 pub(crate) use self::checks::check_view;
+pub use self::doubt::Probation;
 use self::doubt::{Doubts, Undo};
 use self::matching::{Match, PSR_CHANCE, PSR_FAIR, torso_patch};
 use self::wander::Wander;
@@ -202,15 +203,13 @@ impl Follower {
         }
     }
 
-    /// Whether the target was seen again so shortly ago that it may be taken back: when it is lost once more during probation,
-    /// it was not the target, and all that was learned from it is forgotten.
-    pub fn on_probation(&self) -> bool {
-        self.undo.is_some()
-    }
-
-    /// Whether the target, which was on probation, was taken back in or after the last observation. One that moved like a person is not: it is hidden where it was seen.
-    pub fn has_taken_back(&self) -> bool {
-        self.taken_back
+    /// What is to be thought of a target that was seen again.
+    pub fn probation(&self) -> Probation {
+        match (self.taken_back, self.undo.is_some()) {
+            (true, _) => Probation::TakenBack,
+            (false, true) => Probation::On,
+            (false, false) => Probation::None,
+        }
     }
 
     /// The sighting of the last observation was not the target: it was measured where that cannot be. What was learned since the

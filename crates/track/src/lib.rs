@@ -24,7 +24,7 @@ pub mod view;
 mod window;
 
 pub use error::TrackError;
-pub use follow::{FollowSettings, Follower, check_box, was_blind};
+pub use follow::{FollowSettings, Follower, Probation, check_box, was_blind};
 pub use infinity::{FarSight, InfinityCheck};
 pub use keyframe::{Agreement, Keyframe, Panorama, Placed, Turned};
 pub use movers::Posture;

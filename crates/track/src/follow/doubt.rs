@@ -60,6 +60,19 @@ impl Doubts {
 /// edge seldom lasts for two.
 const PROBATION: u32 = 3;
 
+/// What is to be thought of a target that was hidden and is seen again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Probation {
+    /// It is the target, or nothing is seen.
+    None,
+    /// It was seen again so shortly ago that it may be taken back: when it is lost once more, it was not the target, and all that was learned from it is
+    /// forgotten.
+    On,
+    /// It was taken back in or after the last observation: it was something else. One that moved like a person is not taken back: it is hidden where it was
+    /// seen.
+    TakenBack,
+}
+
 /// What the follower knew before it saw its target again.
 #[derive(Clone, Debug)]
 pub(super) struct Undo {

@@ -9,8 +9,8 @@ use vergence_geometry::{
 use vergence_imaging::Gray;
 use vergence_imaging::pyramid::Pyramid;
 use vergence_track::{
-    EyeView, FollowSettings, FollowState, Follower, Observation, PixelBox, Reason, Report,
-    SightingKind, TrackError, check_box,
+    EyeView, FollowSettings, FollowState, Follower, Observation, PixelBox, Probation, Reason,
+    Report, SightingKind, TrackError, check_box,
 };
 
 const HEAD: HeadGeometry = HeadGeometry {
@@ -344,7 +344,7 @@ fn who_moves_is_not_taken_back() {
         report.sighting.is_some()
     });
     let again_s = again.expect("seen again within a second");
-    assert!(follower.on_probation());
+    assert_eq!(follower.probation(), Probation::On);
     let covered = Card {
         anchor: Point3::new(0.3, 0.0, 2.5),
         outline: Outline::Pillar(1.5),
