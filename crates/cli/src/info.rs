@@ -6,15 +6,16 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
-use vergence_record::Info;
+use vergence_record::table::{Cell, Row as _};
+use vergence_record::{Info, rows};
 
 use crate::fault::{self, Fault};
 use crate::output::{self, Format};
 
 /// What the command does, for its manual page.
 pub(crate) const LONG: &str = "\
-Say what is in a recording: how long it is, its channels with counts, rates and gaps, what was left out when it was made, the program's version, the seed, \
-and whether the file is whole. Every byte is read and every checksum is checked. A file that was cut short is read as far as it goes.";
+Say what is in a recording: how long it is, its channels with counts, rates and gaps, what was left out when it was made, how live cameras did (lost, late, jitter, latency, skew), the \
+program's version, the seed, and whether the file is whole. Every byte is read and every checksum is checked. A file that was cut short is read as far as it goes.";
 
 const AFTER: &str = "\
 Examples:
@@ -104,6 +105,9 @@ fn text_of(info: &Info) -> String {
             ),
         );
     }
+    for (name, value) in info.cameras.iter().flat_map(lines_of_cameras) {
+        line(name, value);
+    }
     for (name, data) in &info.contents.attachments {
         line("attachment", format!("{name}, {} bytes", data.len()));
     }
@@ -145,6 +149,96 @@ fn text_of(info: &Info) -> String {
         );
     }
     text
+}
+
+/// How live cameras did until the last time that it was recorded.
+fn lines_of_cameras(cameras: &rows::Cameras) -> [(&'static str, String); 3] {
+    let ms =
+        |s: Option<f64>| s.map_or_else(|| "unknown".to_owned(), |s| format!("{:.1} ms", s * 1e3));
+    let camera = |frames, period_s: Option<f64>, jitter_s, latency_s, counts: [(u64, &str); 6]| {
+        let rate = period_s.map_or_else(String::new, |s| {
+            format!(", {:.2} a second", 1.0 / s.max(1e-9))
+        });
+        let counts: String = (counts.iter())
+            .map(|(n, what)| format!(", {n} {what}"))
+            .collect();
+        format!(
+            "{frames} pictures{rate}; jitter {} (p95), latency {}{counts}",
+            ms(jitter_s),
+            ms(latency_s)
+        )
+    };
+    let c = cameras;
+    let left = [
+        (c.left_lost, "lost"),
+        (c.left_torn, "torn"),
+        (c.left_frozen, "frozen"),
+        (c.left_late, "late"),
+        (c.left_overrun, "not fetched"),
+        (c.left_gone, "times gone"),
+    ];
+    let right = [
+        (c.right_lost, "lost"),
+        (c.right_torn, "torn"),
+        (c.right_frozen, "frozen"),
+        (c.right_late, "late"),
+        (c.right_overrun, "not fetched"),
+        (c.right_gone, "times gone"),
+    ];
+    let offset = c.offset_s.map_or_else(
+        || "no steady offset known".to_owned(),
+        |s| format!("right pictures stamped {:+.1} ms", s * 1e3),
+    );
+    let pairs = format!(
+        "{} pairs, skew {} (p95), {offset}; {} without a partner, {} doubled, {} too far apart, {} moments lost",
+        c.paired,
+        ms(c.skew_p95_s),
+        c.unpaired,
+        c.doubled,
+        c.too_far_apart,
+        c.lost_pairs
+    );
+    [
+        (
+            "left camera",
+            camera(
+                c.left_frames,
+                c.left_period_s,
+                c.left_jitter_p95_s,
+                c.left_latency_s,
+                left,
+            ),
+        ),
+        (
+            "right camera",
+            camera(
+                c.right_frames,
+                c.right_period_s,
+                c.right_jitter_p95_s,
+                c.right_latency_s,
+                right,
+            ),
+        ),
+        ("pairing", pairs),
+    ]
+}
+
+/// All of it by the names of its columns.
+fn json_of_cameras(cameras: &rows::Cameras) -> serde_json::Value {
+    let columns = rows::Cameras::COLUMNS.iter().zip(cameras.cells());
+    columns
+        .map(|(column, cell)| {
+            let value = match cell {
+                None => serde_json::Value::Null,
+                Some(Cell::Number(number)) => json!(number),
+                Some(Cell::Count(count)) => json!(count),
+                Some(Cell::Flag(flag)) => json!(flag),
+                Some(Cell::Text(text)) => json!(text),
+            };
+            (column.name.to_owned(), value)
+        })
+        .collect::<serde_json::Map<_, _>>()
+        .into()
 }
 
 /// Words of a file as a terminal may have them: without characters that it would obey.
@@ -193,6 +287,7 @@ fn json_of(info: &Info) -> serde_json::Value {
         "period_s": info.period_s,
         "pictures_thinned": info.recorder.as_ref().map_or(0, |r| r.pictures_thinned),
         "numbers_lost": info.recorder.as_ref().map_or(0, |r| r.numbers_lost),
+        "cameras": info.cameras.as_ref().map(json_of_cameras),
         "attachments": attachments,
         "unreadable": info.unreadable,
         "problems": problems,

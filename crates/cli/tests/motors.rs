@@ -9,7 +9,8 @@
 
 mod common;
 
-use common::Place;
+use common::{Done, Place};
+use tempfile::TempDir;
 use vergence_control::HeadConfig;
 use vergence_control::grbl::terminal::real_time;
 use vergence_control::grbl::{
@@ -105,6 +106,40 @@ fn what_cannot_be_done_is_said_in_one_sentence() {
     );
 }
 
+/// A simulated controller in real time behind a terminal, and where the program is run beside it.
+struct Board {
+    grbl: SharedGrbl,
+    clock: Box<dyn Fn() -> f64>,
+    motors: String,
+    place: Place,
+    _terminal: GrblTerminal,
+    _folder: TempDir,
+}
+
+impl Board {
+    fn start(config: SimulatedGrblConfig) -> Self {
+        let clock = real_time();
+        let grbl = SharedGrbl::new(SimulatedGrbl::new(config, clock()));
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("grbl");
+        let terminal = GrblTerminal::start(grbl.clone(), clock.clone(), Some(&path)).unwrap();
+        Self {
+            grbl,
+            clock: Box::new(clock),
+            motors: format!("grbl:{}", terminal.path().display()),
+            place: Place::new(),
+            _terminal: terminal,
+            _folder: folder,
+        }
+    }
+
+    /// A machine that is busy with other tests keeps the simulated controller from answering: it is waited for.
+    fn run(&self, args: &[&str]) -> Done {
+        let patient = ["--motors", &self.motors, "--set", "motors.grbl.silence=3s"];
+        self.place.run(&[args, &patient].concat())
+    }
+}
+
 /// Homing takes longer than the second after which a program that asks for nothing is taken for stalled; and the zero is lost with the connection, so `jog`
 /// homes first when it is told to.
 #[test]
@@ -113,17 +148,8 @@ fn grbl_homes_and_turns() {
     config.start[..4].copy_from_slice(&[-12.0; 4]);
     // 10 degrees a second to the switches, 20 to get off them.
     assert!(config.settings.set(25, 600.0) && config.settings.set(24, 1200.0));
-    let clock = real_time();
-    let grbl = SharedGrbl::new(SimulatedGrbl::new(config, clock()));
-    let folder = tempfile::tempdir().unwrap();
-    let terminal = GrblTerminal::start(grbl, clock, Some(&folder.path().join("grbl"))).unwrap();
-    let motors = format!("grbl:{}", terminal.path().display());
-    let place = Place::new();
-    let run = |args: &[&str]| {
-        // A machine that is busy with other tests keeps the simulated controller from answering.
-        let patient = ["--motors", &motors, "--set", "motors.grbl.silence=3s"];
-        place.run(&[args, &patient].concat())
-    };
+    let board = Board::start(config);
+    let run = |args: &[&str]| board.run(args);
     let home = run(&["home", "--yes", "--format", "json"]);
     assert_eq!(home.code, 0, "{home:?}");
     let answer: serde_json::Value = serde_json::from_str(&home.out).unwrap();
@@ -168,21 +194,12 @@ fn the_focus_is_turned_to_a_distance() {
     for n in [100, 110, 120, 130].into_iter().flat_map(|n| n..n + 4) {
         assert!(settings.set(n, rig.get(n).unwrap()));
     }
-    let clock = real_time();
-    let config = SimulatedGrblConfig::new(settings);
-    let grbl = SharedGrbl::new(SimulatedGrbl::new(config, clock()));
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("grbl");
-    let terminal = GrblTerminal::start(grbl.clone(), clock.clone(), Some(&path)).unwrap();
-    let motors = format!("grbl:{}", terminal.path().display());
-    let place = Place::new();
-    place.file(
-        "rig.toml",
-        "[motors.grbl]\nsilence = \"3 s\"\n[motors.grbl.focus]\nletter = \"B\"\n",
-    );
+    let board = Board::start(SimulatedGrblConfig::new(settings));
+    let place = &board.place;
+    place.file("rig.toml", "[motors.grbl.focus]\nletter = \"B\"\n");
     let run = |args: &[&str]| {
-        let rig = ["--config", "rig.toml", "jog", "focus", "--motors", &motors];
-        place.run(&[&rig, args].concat())
+        let focus = ["--config", "rig.toml", "jog", "focus"];
+        board.run(&[&focus, args].concat())
     };
     for (args, code, error) in [
         (
@@ -219,7 +236,7 @@ fn the_focus_is_turned_to_a_distance() {
     for (text, units) in [("2m", -45.0), ("inf", 0.0), ("4", -22.5)] {
         let done = run(&[text, "--home", "--yes", "--format", "json"]);
         assert_eq!(done.code, 0, "{done:?}");
-        let at = grbl.lock().counters(clock())[4];
+        let at = board.grbl.lock().counters((board.clock)())[4];
         assert!((at - units).abs() < 0.1, "{text}: {at}");
         let answer: serde_json::Value = serde_json::from_str(&done.out).unwrap();
         assert_eq!(answer["axis"], "focus");
@@ -246,24 +263,15 @@ fn the_focus_is_turned_to_a_distance() {
 /// nothing wrong; one that does not answer is asked what it is.
 #[test]
 fn a_standing_controller_is_told_and_released() {
-    let clock = real_time();
-    let config = SimulatedGrblConfig::for_rig(&HeadConfig::default());
-    let grbl = SharedGrbl::new(SimulatedGrbl::new(config, clock()));
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("grbl");
-    let terminal = GrblTerminal::start(grbl.clone(), clock.clone(), Some(&path)).unwrap();
-    let motors = format!("grbl:{}", terminal.path().display());
-    let place = Place::new();
-    let run = |args: &[&str]| {
-        let patient = ["--motors", &motors, "--set", "motors.grbl.silence=3s"];
-        place.run(&[args, &patient].concat())
-    };
+    let board = Board::start(SimulatedGrblConfig::for_rig(&HeadConfig::default()));
+    let run = |args: &[&str]| board.run(args);
+    let (grbl, clock) = (&board.grbl, &board.clock);
     // It starts, is unlocked, and held.
     for bytes in [&b""[..], b"$X\n", b"!"] {
         grbl.lock().receive(bytes, clock());
         std::thread::sleep(std::time::Duration::from_millis(200));
     }
-    let release = format!("vergence home --motors {motors}");
+    let release = format!("vergence home --motors {}", board.motors);
     for args in [
         &["doctor", "--no-speed"][..],
         &["jog", "pan", "1", "--home", "--yes"],

@@ -39,6 +39,7 @@ fn a_run_is_recorded_and_replayed() {
     assert_eq!(info["whole"], true);
     let pairs = info["pairs"].as_u64().unwrap();
     assert!(pairs >= 20 && info["facts"]["seed"] == "1");
+    assert!(info["cameras"].is_null(), "no live cameras");
     let replay = vergence(&["replay", "--strict", path, "--format", "json"]);
     assert!(replay.status.success(), "{replay:?}");
     let replay: serde_json::Value = serde_json::from_slice(&replay.stdout).unwrap();

@@ -276,6 +276,37 @@ fn its_cameras_are_on_record(ran: &Ran) {
         let told = ran.number(&format!("cameras.{field}"));
         assert_eq!(Some(told), time_s, "{field}: {cameras}");
     }
+    info_tells_of_them(ran, last);
+}
+
+/// `info` gives the last row by its names, and in words.
+fn info_tells_of_them(ran: &Ran, last: &rows::Cameras) {
+    let file = ran.folder.join("recording.mcap");
+    let said = |format: &str| {
+        let args = ["info", file.to_str().unwrap(), "--format", format];
+        let output = running::command(&args).output().unwrap();
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let json: Value = serde_json::from_str(&said("json")).unwrap();
+    let cameras = &json["cameras"];
+    assert_eq!(cameras["left_gone"], last.left_gone);
+    assert_eq!(cameras["skew_p95_s"].as_f64(), last.skew_p95_s);
+    let text = said("text");
+    let line = |name: &str| text.lines().find(|line| line.starts_with(name)).unwrap();
+    let left = line("left camera");
+    assert!(
+        left.contains(&format!(" {} pictures, ", last.left_frames)),
+        "{left}"
+    );
+    assert!(
+        left.contains(&format!(", {} times gone", last.left_gone)),
+        "{left}"
+    );
+    assert!(
+        line("pairing").contains(&format!(" {} pairs, skew ", last.paired)),
+        "{text}"
+    );
 }
 
 /// What was recorded without loss of cameras that were turned, of a pause in which one was gone, and of axes that moved gives the same estimates in every bit.

@@ -210,6 +210,8 @@ pub struct Info {
     pub unreadable: u64,
     /// The recorder's last own counts.
     pub recorder: Option<rows::Recorder>,
+    /// The last counts and times of live cameras.
+    pub cameras: Option<rows::Cameras>,
     /// Both cameras.
     pub lenses: Vec<rows::Lens>,
 }
@@ -222,7 +224,7 @@ impl Info {
         let mut times_ns: Option<[u64; 2]> = None;
         let mut pairs = Pairs::default();
         let mut unreadable = 0;
-        let (mut recorder, mut lenses) = (None, Vec::new());
+        let (mut recorder, mut cameras, mut lenses) = (None, None, Vec::new());
         while let Some(message) = recording.next_message()? {
             let ns = message.log_ns;
             times_ns = Some(times_ns.map_or([ns; 2], |[a, b]| [a.min(ns), b.max(ns)]));
@@ -237,6 +239,7 @@ impl Info {
             match message.topic {
                 Some(Topic::Pair) => pairs.take(&rows::Pair::decode(&message.data)?),
                 Some(Topic::Recorder) => recorder = Some(rows::Recorder::decode(&message.data)?),
+                Some(Topic::Cameras) => cameras = Some(rows::Cameras::decode(&message.data)?),
                 Some(Topic::Lens) if lenses.len() < 2 => {
                     lenses.push(rows::Lens::decode(&message.data)?);
                 }
@@ -265,6 +268,7 @@ impl Info {
             period_s,
             unreadable,
             recorder,
+            cameras,
             lenses,
         })
     }

@@ -78,6 +78,9 @@ const NEAREST_M: f64 = 1.5;
 /// Slower than this a look that finds nothing wrong says that nothing is, rad/s (10°/s).
 const SURE_RAD_S: f64 = 10.0 * PI / 180.0;
 
+/// For so long an axis may lose its way before that is noticed, s.
+const UNNOTICED_S: f64 = 0.5;
+
 /// After something was found beside nothing new is remembered for so long, s.
 const WARY_S: f64 = 3.0;
 
@@ -230,6 +233,21 @@ impl Bearings {
         self.kept.retain(|kept| kept.misses < MISSES);
         self.remember(&sight);
         None
+    }
+
+    /// The angle by which pan or tilt has lost its zero at least, rad, where a look says `by_rad`: a view that was remembered while the head turned may be beside
+    /// itself, to either side, if the axis was losing its way then. Looks for all views, which takes its time.
+    pub(crate) fn at_least(&self, look: &Look, axis: AxisName, by_rad: f64) -> f64 {
+        let sight = Sight::new(look);
+        let views = (0..self.kept.len()).filter(|at| sight.apart(&self.kept[*at]) <= NEIGHBOUR);
+        let sure = views.filter_map(|at| match self.elsewhere(at, &sight, ELSEWHERE_SHARE)? {
+            Bearing::Beside(name, rad) if name == axis && rad * by_rad > 0.0 => {
+                Some(rad.abs() - UNNOTICED_S * self.kept[at].fast_rad_s)
+            }
+            _ => None,
+        });
+        let least_rad = LEAST * sight.step_rad();
+        sure.fold(least_rad, f64::max).min(by_rad.abs())
     }
 
     /// The axes are about to be homed, or have lost their zeros by their own word.

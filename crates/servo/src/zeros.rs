@@ -240,7 +240,17 @@ impl Zeros {
                 self.room.right();
                 None
             }
-            Bearing::Beside(axis, by_rad) => self.lies_beside(look.time_s, axis, by_rad),
+            Bearing::Beside(axis, by_rad) => {
+                let mut lost = self.lies_beside(look.time_s, axis, by_rad)?;
+                lost.by_rad = match axis {
+                    AxisName::Pan | AxisName::Tilt => self.bearings.at_least(look, axis, by_rad),
+                    AxisName::LeftVergence | AxisName::RightVergence => lost.by_rad,
+                };
+                if lost.again {
+                    self.bearings.forget();
+                }
+                Some(lost)
+            }
         }
     }
 
@@ -252,9 +262,6 @@ impl Zeros {
         let again = self.room.wrong(time_s)?;
         let again = again && self.told_axis == Some(axis);
         self.told_axis = Some(axis);
-        if again {
-            self.bearings.forget();
-        }
         Some(LostZero {
             wrong: Wrong::Axis(axis),
             by_rad: by_rad.abs(),

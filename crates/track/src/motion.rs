@@ -30,6 +30,10 @@ const FORGIVEN_PX: f32 = 0.35;
 /// Deviations of noise that are forgiven.
 const FORGIVEN_SIGMAS: f32 = 3.0;
 
+/// Deviation of noise, grey levels, that no camera has: pictures of a camera that turned which differ by so much all over were taken where it was not, by an
+/// axis that is stuck or by angles of another moment, and do not tell what moves by itself.
+const UNFIT_LEVELS: f32 = 12.0;
+
 /// Units of the map per standard deviation of noise above what is forgiven.
 pub(crate) const UNITS_PER_SIGMA: f32 = 16.0;
 
@@ -135,17 +139,24 @@ impl MotionMap {
         }
         let chosen = self.choose(time_s);
         self.forgive(picture);
+        let mut unfit = 0;
         for (layer, &which) in chosen.iter().enumerate() {
             let mut out = std::mem::replace(&mut self.layers[layer], Gray::filled(0, 0, 0));
             let mesh = self.mesh(view, &self.past[which]);
-            difference(
+            let noise = difference(
                 picture,
                 &self.past[which].picture,
                 &mesh,
                 &self.slack,
                 &mut out,
             );
+            let turned = self.past[which].base_from_cam != view.base_from_cam;
+            unfit += usize::from(turned && noise > UNFIT_LEVELS);
             self.layers[layer] = out;
+        }
+        // The middle of the three counts.
+        if unfit > 1 {
+            return;
         }
         let [a, b, c] = &self.layers;
         for (((m, &a), &b), &c) in self
@@ -319,8 +330,14 @@ fn mesh_size(w: usize, h: usize) -> (usize, usize) {
     (w.div_ceil(MESH) + 1, h.div_ceil(MESH) + 1)
 }
 
-/// One difference picture: noise sigmas beyond what is forgiven.
-fn difference(new: &Gray, old: &Gray, mesh: &[[f32; 2]], slack: &Plane<f32>, out: &mut Gray) {
+/// One difference picture: noise sigmas beyond what is forgiven. The answer is the noise of all pixels, grey levels.
+fn difference(
+    new: &Gray,
+    old: &Gray,
+    mesh: &[[f32; 2]],
+    slack: &Plane<f32>,
+    out: &mut Gray,
+) -> f32 {
     let (w, h) = new.size();
     let mut warped = vec![f32::NAN; w];
     let mut residual = vec![f32::NAN; w * h];
@@ -335,7 +352,7 @@ fn difference(new: &Gray, old: &Gray, mesh: &[[f32; 2]], slack: &Plane<f32>, out
         }
     }
     let gain = illumination(new, &residual);
-    let sigma = noise(new, &residual, gain);
+    let (sigma, all) = noise(new, &residual, gain);
     for (((out, &r), &n), &s) in out
         .samples_mut()
         .iter_mut()
@@ -348,6 +365,7 @@ fn difference(new: &Gray, old: &Gray, mesh: &[[f32; 2]], slack: &Plane<f32>, out
         // NaN (no earlier pixel there) becomes 0.
         *out = (sigmas * UNITS_PER_SIGMA).clamp(0.0, 255.0) as u8;
     }
+    all
 }
 
 /// A row of the old picture as the new camera sees it; NaN outside.
@@ -392,8 +410,9 @@ fn illumination(new: &Gray, residual: &[f32]) -> f32 {
 }
 
 /// Standard deviation of the residual per brightness bin, from the median of its magnitude (people are a minority of
-/// the picture); bins with few samples borrow from their neighbours, and there is always the rounding to whole levels.
-fn noise(new: &Gray, residual: &[f32], gain: f32) -> [f32; BINS] {
+/// the picture); bins with few samples borrow from their neighbours, and there is always the rounding to whole levels. Then the same of all bins
+/// together.
+fn noise(new: &Gray, residual: &[f32], gain: f32) -> ([f32; BINS], f32) {
     let mut magnitudes: [Vec<f32>; BINS] = std::array::from_fn(|_| Vec::new());
     for i in (0..residual.len()).step_by(11) {
         if residual[i].is_finite() {
@@ -401,20 +420,22 @@ fn noise(new: &Gray, residual: &[f32], gain: f32) -> [f32; BINS] {
             magnitudes[usize::from(n) * BINS / 256].push((residual[i] - gain * f32::from(n)).abs());
         }
     }
-    let mut sigma = [f32::NAN; BINS];
-    for (s, m) in sigma.iter_mut().zip(&mut magnitudes) {
+    // 1.4826: the deviation of a normal variable over its median magnitude.
+    let deviation = |m: &mut [f32]| median(m).map_or(f32::NAN, |m| 1.4826 * m);
+    let all = deviation(&mut magnitudes.concat());
+    let mut known = [f32::NAN; BINS];
+    for (s, m) in known.iter_mut().zip(&mut magnitudes) {
         if m.len() >= 40 {
-            // 1.4826: the deviation of a normal variable over its median magnitude.
-            *s = median(m).map_or(f32::NAN, |m| 1.4826 * m);
+            *s = deviation(m);
         }
     }
-    let known = sigma;
-    std::array::from_fn(|i| {
+    let bins = std::array::from_fn(|i| {
         let nearest = (0..BINS)
             .filter(|&k| known[k].is_finite())
             .min_by_key(|&k| k.abs_diff(i));
         nearest.map_or(2.0, |k| known[k]).max(0.8)
-    })
+    });
+    (bins, all)
 }
 
 fn median(values: &mut [f32]) -> Option<f32> {

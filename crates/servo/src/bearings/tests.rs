@@ -62,6 +62,24 @@ fn seen(truly: [f64; 4]) -> [Pyramid; 2] {
     })
 }
 
+/// A pair of a head that is believed to stand so.
+fn look(time_s: f64, pair: &[Pyramid; 2], believed: [f64; 4], right_offset_rad: f64) -> Look<'_> {
+    let angles = angles(believed);
+    Look {
+        time_s,
+        angles,
+        base_from_head: HEAD.base_from_head(&angles),
+        views: array::from_fn(|eye| EyeView {
+            pyramid: &pair[eye],
+            camera: &CAMERA,
+            base_from_cam: HEAD.base_from_cam(Eye::BOTH[eye], &angles),
+        }),
+        right_offset_rad,
+        person: None,
+        movers: &[],
+    }
+}
+
 /// The rules, and a clock.
 #[derive(Default)]
 struct Rig {
@@ -74,20 +92,8 @@ impl Rig {
     /// Look after a while at what a head sees that truly stands so, and believes to stand elsewhere.
     fn looks(&mut self, after_s: f64, pair: &[Pyramid; 2], believed: [f64; 4]) -> Option<Bearing> {
         self.time_s += after_s;
-        let angles = angles(believed);
-        self.bearings.look(&Look {
-            time_s: self.time_s,
-            angles,
-            base_from_head: HEAD.base_from_head(&angles),
-            views: array::from_fn(|eye| EyeView {
-                pyramid: &pair[eye],
-                camera: &CAMERA,
-                base_from_cam: HEAD.base_from_cam(Eye::BOTH[eye], &angles),
-            }),
-            right_offset_rad: self.right_offset_rad,
-            person: None,
-            movers: &[],
-        })
+        self.bearings
+            .look(&look(self.time_s, pair, believed, self.right_offset_rad))
     }
 
     fn stands(&mut self, truly: [f64; 4]) -> Option<Bearing> {
@@ -236,4 +242,27 @@ fn memory_is_bounded() {
     let mut rig = Rig::default();
     assert_eq!(rig.looks(2.0, &bare, [0.0; 4]), None);
     assert_eq!(rig.bearings.kept.len(), 0);
+}
+
+/// A view that was remembered with a head at rest tells by how much a zero is lost; one of a turning head may be beside itself, by what an axis can lose before
+/// that is noticed, and says little more than that something is wrong.
+#[test]
+fn a_view_of_a_turning_head_tells_little() {
+    for (fast_deg_s, least_deg) in [(0.0, 6.0), (4.0, 4.0), (30.0, 1.7)] {
+        let mut rig = Rig::default();
+        rig.stands([0.0; 4]);
+        rig.bearings.kept[0].fast_rad_s = f64::to_radians(fast_deg_s);
+        let pair = seen([0.1, 0.0, 0.0, 0.0]);
+        let beside = look(9.0, &pair, [6.1, 0.0, 0.0, 0.0], 0.0);
+        let by_rad = f64::to_radians(6.0);
+        let told_rad = rig.bearings.at_least(&beside, AxisName::Pan, by_rad);
+        let told_deg = told_rad.to_degrees();
+        assert!(
+            (told_deg - least_deg).abs() < 0.3,
+            "{fast_deg_s}: {told_deg}"
+        );
+        // Another axis, or the other side, is not what this view tells of.
+        let other_rad = rig.bearings.at_least(&beside, AxisName::Pan, -by_rad);
+        assert!(other_rad.to_degrees() < 2.0);
+    }
 }

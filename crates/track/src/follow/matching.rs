@@ -27,6 +27,9 @@ pub(super) const PSR_CHANCE: f64 = 3.5;
 /// Strangeness of the appearance up to which a person may be the target; about 1 is usual for the target.
 pub(super) const STRANGE: f64 = 4.0;
 
+/// Looks that differ less than this are the same as far as one can tell; nothing is known of a body that is half out of the picture, which counts as more.
+const ALIKE: f64 = 0.5 * STRANGE;
+
 /// How far from its height above the floor the chest is believed when it is seen again, metres ...
 pub(super) const HEIGHT_M: f64 = 0.2;
 
@@ -343,7 +346,9 @@ impl Follower {
                 && best.is_none_or(|(s, _)| strange < s)
             {
                 best = Some((strange, found));
-            } else if sure_place && best.is_none() && self.state == FollowState::Occluded {
+            } else if best.is_none()
+                && (sure_place || (movers.len() == 1 && self.is_it_by_looks(seen, mover)))
+            {
                 best = self.turned(seen, mover).map(|m| (STRANGE, m));
             }
         }
@@ -386,6 +391,15 @@ impl Follower {
             && self.belief.as_ref().is_some_and(|b| {
                 b.below_m(&view.lens(), &found.ray, found.distance_m).abs() > LEAVING_M
             })
+    }
+
+    /// Whether the only one who moves may be a target that is lost, although it shows another side, or was learned at a wrong distance: coarsely it looks the
+    /// same. One that was given by a box is not exchanged for that.
+    fn is_it_by_looks(&mut self, seen: &Observation, mover: &Mover) -> bool {
+        self.state == FollowState::Lost
+            && self.exchangeable
+            && mover.measured
+            && self.strangeness(seen, &mover.ray, mover.distance_m) < ALIKE
     }
 
     /// A person that moves where the target must be, at its distance, but shows another side: the target has turned.
@@ -441,7 +455,7 @@ impl Follower {
         let signature: Option<Signature> = self.appearance.signature(&seen.left, &facet);
         signature
             .and_then(|s| self.appearance.strangeness(&s))
-            .unwrap_or(0.5 * STRANGE)
+            .unwrap_or(ALIKE)
     }
 
     /// Fill the window with the facet's picture; the share of it inside the picture.

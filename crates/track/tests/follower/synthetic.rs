@@ -88,6 +88,9 @@ impl Outline {
     }
 }
 
+/// Cards of this seed and above are dark.
+const DARK: u64 = 10_000;
+
 fn person(anchor: Point3<f64>) -> Card {
     Card {
         anchor,
@@ -110,7 +113,12 @@ fn shade(lens: &Point3<f64>, ray: &nalgebra::Vector3<f64>, cards: &[Card]) -> f6
         let (x, y) = (p.x - card.anchor.x, p.y - card.anchor.y);
         if s > 0.0 && s < nearest && card.outline.contains(x, y) {
             nearest = s;
-            value = 90.0 + 120.0 * texture(x, y, 0.04, card.seed);
+            let (least, range) = if card.seed >= DARK {
+                (20.0, 30.0)
+            } else {
+                (90.0, 120.0)
+            };
+            value = least + range * texture(x, y, 0.04, card.seed);
         }
     }
     value
@@ -160,12 +168,23 @@ impl Stage {
 
     /// One pair through the follower; the report and where `target` truly is in the left picture.
     fn step(&mut self, follower: &mut Follower, angles: &HeadAngles, cards: &[Card]) -> Report {
+        self.step_of(follower, [angles, angles], cards)
+    }
+
+    /// The same of a head that is told to stand elsewhere than it truly does: told, truly.
+    fn step_of(
+        &mut self,
+        follower: &mut Follower,
+        [angles, truly]: [&HeadAngles; 2],
+        cards: &[Card],
+    ) -> Report {
         self.frame += 1;
         let poses = Eye::BOTH.map(|e| HEAD.base_from_cam(e, angles));
+        let taken_from = Eye::BOTH.map(|e| HEAD.base_from_cam(e, truly));
         let pyramids = [0, 1].map(|i| {
             let noise = 2 * self.frame + i as u64;
             Pyramid::new(
-                &render(&poses[i], &self.camera, cards, &self.rays, noise),
+                &render(&taken_from[i], &self.camera, cards, &self.rays, noise),
                 5,
             )
         });
@@ -221,6 +240,29 @@ fn own_motion_does_not_fire() {
         );
         assert_eq!(report.sighting, None);
     }
+}
+
+/// A head that is stuck while its counters say that it turns sees nobody move either, and the one who moves once it is free again.
+#[test]
+fn a_stuck_head_moves_nobody() {
+    let mut stage = Stage::new();
+    let mut follower = Follower::new(FollowSettings::default());
+    let resting = [person(Point3::new(0.5, 0.0, 4.0))];
+    let truly = HeadAngles::default();
+    for i in 0..30 {
+        let told = HeadAngles {
+            tilt: -0.07 * f64::from(i) / FPS,
+            ..truly
+        };
+        let report = stage.step_of(&mut follower, [&told, &truly], &resting);
+        assert_eq!(report.sighting, None, "frame {i}: {report:?}");
+    }
+    let found = (0..30).find(|&i| {
+        let there = Point3::new(-0.7 + 0.6 * f64::from(i) / FPS, 0.0, 4.5);
+        let report = stage.step(&mut follower, &truly, &[person(there)]);
+        miss_m(&stage, &truly, &report, &there).is_some_and(|m| m < 0.25)
+    });
+    assert!(found.is_some_and(|i| i < 20), "{found:?}");
 }
 
 /// Of two that move, the nearer one is found and followed on its chest while the head turns; the first sighting says so.
@@ -357,6 +399,38 @@ fn who_moves_is_not_taken_back() {
         let cam_from_base = HEAD.cam_from_base(Eye::Left, &angles);
         let chest = stage.camera.project(&(cam_from_base * there)).unwrap();
         assert!(report.expected.unwrap().contains(&chest), "{report:?}");
+    }
+}
+
+/// A target that is lost and comes back from another side, so that nothing of its clothes is where it was, is known by its coarse looks within a second if
+/// nobody else moves, not after the six for which it is waited for; somebody in dark clothes is not it.
+#[test]
+fn who_comes_back_alone_and_looks_alike_is_the_target() {
+    for (seed, is_it) in [(123, true), (DARK, false)] {
+        let mut stage = Stage::new();
+        let mut follower = Follower::new(FollowSettings::default());
+        let angles = HeadAngles::default();
+        for i in 0..36 {
+            let there = Point3::new(-1.3 + 0.6 * f64::from(i) / FPS, 0.0, 5.0);
+            stage.step(&mut follower, &angles, &[person(there)]);
+        }
+        for _ in 0..20 {
+            stage.step(&mut follower, &angles, &[]);
+        }
+        assert_eq!(follower.state(), FollowState::Lost);
+        let again = (0..25).find(|&i| {
+            let there = Point3::new(1.3 - 0.8 * f64::from(i) / FPS, 0.0, 4.2);
+            let back = Card {
+                seed,
+                ..person(there)
+            };
+            let report = stage.step(&mut follower, &angles, &[back]);
+            miss_m(&stage, &angles, &report, &there).is_some_and(|m| m < 0.3)
+        });
+        match is_it {
+            true => assert!(again.is_some_and(|i| i < 15), "{again:?}"),
+            false => assert_eq!(again, None),
+        }
     }
 }
 
