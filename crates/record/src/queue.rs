@@ -100,6 +100,9 @@ pub struct Queue {
     every: u64,
     offered: u64,
     calm: u32,
+    /// Pairs of pictures that wait, and how many of them have waited since before it was thinned last.
+    pairs: usize,
+    older: usize,
     counts: Counts,
     spare: Vec<Rgb>,
 }
@@ -115,6 +118,8 @@ impl Queue {
             every: 1,
             offered: 0,
             calm: 0,
+            pairs: 0,
+            older: 0,
             counts: Counts::default(),
             spare: Vec::new(),
         }
@@ -157,9 +162,10 @@ impl Queue {
         }
         let full = !self.has_room(bytes);
         if full {
-            // Twice as thin at once, but not again before the pairs on the way have told what that does.
-            if self.calm > 0 || self.every == 1 {
+            // Twice as thin at once, but not again before the pairs on the way are through: then it was not enough.
+            if self.older == 0 {
                 self.every = (self.every * 2).min(THINNEST);
+                self.older = self.pairs;
             }
             self.calm = 0;
         } else if self.pictures_bytes <= self.limits.pictures_bytes / 4 {
@@ -182,6 +188,7 @@ impl Queue {
     pub fn push_pictures(&mut self, log_ns: u64, pictures: [&Rgb; 2], capture_ns: [u64; 2]) {
         let copies = pictures.map(|picture| self.copy(picture));
         self.pictures_bytes += bytes_of(&copies);
+        self.pairs += 1;
         self.waiting.push_back(Work::Pictures {
             log_ns,
             pair: PicturePair {
@@ -207,7 +214,11 @@ impl Queue {
         let work = self.waiting.pop_front()?;
         match &work {
             Work::Numbers { items, .. } => self.numbers_bytes -= size_of_items(items),
-            Work::Pictures { pair, .. } => self.pictures_bytes -= bytes_of(&pair.pictures),
+            Work::Pictures { pair, .. } => {
+                self.pictures_bytes -= bytes_of(&pair.pictures);
+                self.pairs -= 1;
+                self.older = self.older.saturating_sub(1);
+            }
         }
         Some(work)
     }
@@ -227,6 +238,7 @@ impl Queue {
         }
         self.waiting = kept;
         self.pictures_bytes = 0;
+        (self.pairs, self.older) = (0, 0);
     }
 
     /// Nothing more is written: what waits is lost, and counted as such.
@@ -275,7 +287,7 @@ fn size_of_items(items: &[Item]) -> usize {
 #[cfg(test)]
 mod tests {
     //! Proves: sizes that no memory has do not overflow a bound; a storage that failed takes no pictures and does not thin those that come later; what is
-    //! given up is counted as lost.
+    //! given up is counted as lost; a disk that takes one pair in six gets no more than it can take, evenly, and all again once it is fast.
     use super::*;
 
     fn item(bytes: usize) -> Item {
@@ -303,6 +315,38 @@ mod tests {
         }
         assert_eq!((queue.every(), queue.counts().pictures_thinned), (1, 500));
         assert!(queue.wants_pictures(1000, Outlet::Open));
+    }
+
+    #[test]
+    fn a_slow_disk_gets_what_it_can_take() {
+        let picture = Rgb::from_fn(4, 4, |_, _| [0; 3]);
+        let bytes = bytes_of(&[picture.clone(), picture.clone()]);
+        let mut queue = Queue::new(Limits {
+            pictures_bytes: 12 * bytes,
+            ..Limits::default()
+        });
+        let offer = |queue: &mut Queue, n: u64, takes_every: u64| {
+            let wanted = queue.wants_pictures(bytes, Outlet::Open);
+            if wanted {
+                queue.push_pictures(n, [&picture, &picture], [0; 2]);
+            }
+            if n.is_multiple_of(takes_every) {
+                queue.pop();
+            }
+            wanted
+        };
+        // A minute at 30 pairs a second.
+        let kept: Vec<u64> = (0..1800).filter(|n| offer(&mut queue, *n, 6)).collect();
+        let late: Vec<u64> = (kept.iter().copied()).filter(|n| *n >= 900).collect();
+        assert!((8..=16).contains(&queue.every()), "{}", queue.every());
+        let gaps = late.windows(2).map(|pair| pair[1] - pair[0]);
+        let widest = gaps.max().unwrap();
+        assert!(widest <= 16, "{widest}");
+        assert!(late.len() > 900 / 16, "{}", late.len());
+        for n in 1800..3600 {
+            offer(&mut queue, n, 1);
+        }
+        assert_eq!(queue.every(), 1);
     }
 
     #[test]
