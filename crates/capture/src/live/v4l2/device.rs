@@ -21,9 +21,11 @@ use crate::CaptureError;
 /// Most sizes and rates of a device that a message lists.
 const LISTED: usize = 12;
 
-/// Folders whose links keep their names when a device is plugged in again. The way by which it is connected comes first: two cameras of one make may
-/// have one name.
-const STABLE: [&str; 2] = ["/dev/v4l/by-path", "/dev/v4l/by-id"];
+/// Where links to devices lie that keep their names when a device is plugged in again.
+const LINKS: &str = "/dev/v4l";
+
+/// Its folders. The way by which a device is connected comes first: two cameras of one make may have one name.
+const STABLE: [&str; 2] = ["by-path", "by-id"];
 
 // The kernel's numbers of what can go wrong (`errno.h`), where the standard library has no name for them.
 const EBUSY: i32 = 16;
@@ -130,11 +132,18 @@ pub(super) fn stamps_first_data(device: &Device, name: &str) -> bool {
     told.map_or(true, |told| told.trim() == "0")
 }
 
-/// The name by which a device is found again after it was plugged in again.
+/// The name by which a device is found again after it was plugged in again. Who names it by such a link has chosen: by its socket or by its serial number.
 pub(super) fn stable_name(path: &Path) -> Option<PathBuf> {
+    stable_name_among(Path::new(LINKS), path)
+}
+
+fn stable_name_among(links: &Path, path: &Path) -> Option<PathBuf> {
+    if path.starts_with(links) {
+        return Some(path.to_owned());
+    }
     let target = path.canonicalize().ok()?;
     STABLE.iter().find_map(|folder| {
-        let mut links: Vec<PathBuf> = std::fs::read_dir(folder)
+        let mut links: Vec<PathBuf> = std::fs::read_dir(links.join(folder))
             .ok()?
             .filter_map(|entry| Some(entry.ok()?.path()))
             .collect();
@@ -394,6 +403,28 @@ mod tests {
             "/dev/video2 cannot be read: the USB bus has no bandwidth left for this camera beside the other; connect each to a USB controller of its own, or \
              ask for less: --pixels mjpeg, a smaller --size"
         );
+    }
+
+    /// A device named by its number is found again by its socket, one named by its serial number by that.
+    #[test]
+    fn the_link_that_was_named_is_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let device = folder.path().join("video0");
+        std::fs::write(&device, "").unwrap();
+        let links = folder.path().join("v4l");
+        let [socket, serial] = STABLE.map(|kind| {
+            std::fs::create_dir_all(links.join(kind)).unwrap();
+            let link = links.join(kind).join("camera");
+            std::os::unix::fs::symlink(&device, &link).unwrap();
+            link
+        });
+        let name = |path: &Path| stable_name_among(&links, path);
+        assert_eq!(name(&device), Some(socket.clone()));
+        assert_eq!(name(&serial), Some(serial.clone()));
+        assert_eq!(name(&socket), Some(socket.clone()));
+        std::fs::remove_file(&socket).unwrap();
+        assert_eq!(name(&device), Some(serial));
+        assert_eq!(name(&folder.path().join("video9")), None);
     }
 
     #[test]
