@@ -70,9 +70,6 @@ const OFFSET_STEP: f64 = 0.02;
 /// Changes above this part of a period are told.
 const OFFSET_TOLD: f64 = 0.1;
 
-/// A change by this part of a period or more is the same offset counted to the other neighbour.
-const OFFSET_SAME: f64 = 0.8;
-
 /// A rate is kept while the measured one is within this part of it.
 const RATE_BELIEVED: f64 = 0.1;
 
@@ -395,10 +392,11 @@ impl LiveSource {
             return;
         };
         let before = self.found.map(|f| f.offset_s);
+        let steady = match before {
+            Some(before_s) => steady.counted_on(before_s, self.period_s),
+            None => steady,
+        };
         let change_s = steady.offset_s - before.unwrap_or(0.0);
-        if change_s.abs() >= OFFSET_SAME * self.period_s && before.is_some() {
-            return;
-        }
         if change_s.abs() >= OFFSET_STEP * self.period_s {
             self.correction_s = steady.offset_s;
         }

@@ -23,6 +23,12 @@ const STEADY: f64 = 0.1;
 /// Beyond this part of a period the offset is ambiguous.
 const AMBIGUOUS: f64 = 0.4;
 
+/// A change by this part of a period or more is the same offset counted to the other neighbour.
+const OTHER_NEIGHBOUR: f64 = 0.8;
+
+/// So far, in periods, an offset is counted on to the neighbour that it was counted to before; beyond it the nearer one is taken.
+const KEPT_NEIGHBOUR: f64 = 0.75;
+
 /// The steady offset of two streams.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Steady {
@@ -30,6 +36,22 @@ pub(crate) struct Steady {
     pub(crate) offset_s: f64,
     /// Whether it lies so near half a period that the other neighbour could be meant.
     pub(crate) ambiguous: bool,
+}
+
+impl Steady {
+    /// The same offset counted to the neighbour that the one of `before_s` was counted to, as long as that is not much further away than the nearest.
+    pub(crate) fn counted_on(self, before_s: f64, period_s: f64) -> Self {
+        let change_s = self.offset_s - before_s;
+        let change = change_s / period_s;
+        let offset_s = before_s + change_s - period_s * change.round();
+        if change.abs() < OTHER_NEIGHBOUR || offset_s.abs() > KEPT_NEIGHBOUR * period_s {
+            return self;
+        }
+        Self {
+            offset_s,
+            ambiguous: offset_s.abs() > AMBIGUOUS * period_s,
+        }
+    }
 }
 
 /// Estimates the steady offset; see the module.
@@ -168,6 +190,44 @@ mod tests {
         assert!(half.ambiguous && (half.offset_s.abs() - PERIOD_S / 2.0).abs() < 0.001);
         let whole = told(PERIOD_S, 0.001, 0, 0).unwrap();
         assert!(!whole.ambiguous && whole.offset_s.abs() < 0.0005);
+    }
+
+    /// An offset that drifts past half a period is followed on the side where it was, every step of it, up to three quarters; then the nearer neighbour is taken.
+    #[test]
+    fn drifts_past_half_a_period() {
+        let (mut before_s, mut furthest, mut largest) = (0.3 * PERIOD_S, 0.0_f64, 0.0_f64);
+        let mut changes = 0;
+        for k in 31..100_i32 {
+            let true_s = f64::from(k) / 100.0 * PERIOD_S;
+            let offset_s = true_s - PERIOD_S * (true_s / PERIOD_S).round();
+            let steady = Steady {
+                offset_s,
+                ambiguous: offset_s.abs() > AMBIGUOUS * PERIOD_S,
+            };
+            let now = steady.counted_on(before_s, PERIOD_S);
+            let rest = (now.offset_s - true_s) / PERIOD_S;
+            assert!((rest - rest.round()).abs() < 1e-9, "{k}: {now:?}");
+            assert!(
+                k == 40 || k == 75 || now.ambiguous == (41..75).contains(&k),
+                "{k}: {now:?}"
+            );
+            let change = (now.offset_s - before_s).abs() / PERIOD_S;
+            changes += i32::from(change > 0.5);
+            largest = largest.max(change.min(1.0 - change));
+            furthest = furthest.max(now.offset_s / PERIOD_S);
+            before_s = now.offset_s;
+        }
+        assert_eq!(changes, 1);
+        assert!(
+            largest < 0.011 && (0.739..0.751).contains(&furthest),
+            "{largest} {furthest}"
+        );
+        // A change of less than that is another offset.
+        let steady = Steady {
+            offset_s: -0.3 * PERIOD_S,
+            ambiguous: false,
+        };
+        assert_eq!(steady.counted_on(0.3 * PERIOD_S, PERIOD_S), steady);
     }
 
     /// Streams whose times are noise, or that have other rates, have no steady offset; nor have two with a few frames.

@@ -103,7 +103,8 @@ pub struct V4l2Controls {
 /// What only video devices know.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct V4l2Settings {
-    /// How pictures are sent; `None` takes the first of [`PixelFormat::ALL`] that both devices have.
+    /// How pictures are sent; `None` takes the first of [`PixelFormat::ALL`] that both devices have at the rate that is asked for, or at 30 a second; where none
+    /// is as fast, of the fastest ones.
     pub format: Option<PixelFormat>,
     /// Width and height of one eye's picture, pixels; `None` takes the calibration's.
     pub size: Option<(usize, usize)>,

@@ -6,6 +6,7 @@
 //! the driver of USB cameras, says "start" of what it stamps when a frame's first data come, unless its `hwtimestamps` is on.
 
 mod abilities;
+mod choice;
 mod controls;
 mod device;
 
@@ -67,7 +68,7 @@ pub(crate) fn open(
         .iter()
         .map(|(path, _)| path.display().to_string())
         .collect();
-    let format = device::common_format(&open, &names, size, config.v4l2.format)?;
+    let format = device::common_format(&open, &names, size, config.v4l2.format, config.fps)?;
     let mode = Mode {
         format,
         size,
@@ -77,7 +78,11 @@ pub(crate) fn open(
         .map(|(device, name)| mode.set(device, name))
         .collect::<Result<_, _>>()?;
     device::one_rate(&names, &fps)?;
+    let slow =
+        (names.iter().zip(&fps)).filter_map(|(name, fps)| choice::too_slow(name, &mode, *fps));
+    let mut remarks: Vec<String> = slow.collect();
     let (locked, told) = Locked::agree(&open, &names, &config.v4l2.controls);
+    remarks.extend(told.remarks);
     let zero_s = zero_s(clock);
     let mut devices = Vec::new();
     for ((path, gives), (device, fps)) in inputs.into_iter().zip(open.into_iter().zip(fps)) {
@@ -98,7 +103,7 @@ pub(crate) fn open(
     }
     Ok(Opened {
         devices,
-        remarks: told.remarks,
+        remarks,
         controls: locked.told(),
         unset: told.unset,
     })

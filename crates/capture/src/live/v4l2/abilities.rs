@@ -81,8 +81,13 @@ fn ends(size: &FrameSizeEnum) -> ((u32, u32), Option<(u32, u32)>) {
     }
 }
 
-/// The rates of a size; none when the driver does not list them.
-fn rates(device: &Device, name: &str, code: FourCC, (width, height): (u32, u32)) -> Vec<f64> {
+/// The rates of a size, the fastest first; none when the driver does not list them.
+pub(super) fn rates(
+    device: &Device,
+    name: &str,
+    code: FourCC,
+    (width, height): (u32, u32),
+) -> Vec<f64> {
     let told = guarded(name, || device.enum_frameintervals(code, width, height));
     let periods = told.unwrap_or_default().into_iter();
     let periods = periods.flat_map(|told| match told.interval {

@@ -13,21 +13,26 @@ use moq_v4l::video::capture::Parameters;
 use moq_v4l::{FourCC, Fraction};
 
 use super::super::settings::PixelFormat;
+use super::abilities::rates;
+use super::choice::{Offer, format_of_all};
 use super::fourcc;
 use crate::CaptureError;
 
 /// Most sizes and rates of a device that a message lists.
 const LISTED: usize = 12;
 
-/// Folders whose links keep their names when a device is plugged in again. The way by which it is connected comes first: two cameras of one make may
-/// have one name.
-const STABLE: [&str; 2] = ["/dev/v4l/by-path", "/dev/v4l/by-id"];
+/// Where links to devices lie that keep their names when a device is plugged in again.
+const LINKS: &str = "/dev/v4l";
+
+/// Its folders. The way by which a device is connected comes first: two cameras of one make may have one name.
+const STABLE: [&str; 2] = ["by-path", "by-id"];
 
 // The kernel's numbers of what can go wrong (`errno.h`), where the standard library has no name for them.
 const EBUSY: i32 = 16;
 const ENODEV: i32 = 19;
-const ENOTTY: i32 = 25;
 const EINVAL: i32 = 22;
+const ENOTTY: i32 = 25;
+const ENOSPC: i32 = 28;
 
 /// What a device does; the same for both eyes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,6 +60,10 @@ pub(super) fn failed(name: &str, what: &str, error: &Error) -> CaptureError {
             "it is not there any more: unplugged, or its driver gave up".to_owned()
         }
         (_, Some(ENOTTY)) => "it is no camera".to_owned(),
+        (_, Some(ENOSPC)) => {
+            "the USB bus has no bandwidth left for this camera beside the other; connect each to a USB controller of its own, or ask for less: --pixels mjpeg, a smaller --size"
+                .to_owned()
+        }
         _ => error.to_string(),
     };
     CaptureError::Camera {
@@ -123,11 +132,18 @@ pub(super) fn stamps_first_data(device: &Device, name: &str) -> bool {
     told.map_or(true, |told| told.trim() == "0")
 }
 
-/// The name by which a device is found again after it was plugged in again.
+/// The name by which a device is found again after it was plugged in again. Who names it by such a link has chosen: by its socket or by its serial number.
 pub(super) fn stable_name(path: &Path) -> Option<PathBuf> {
+    stable_name_among(Path::new(LINKS), path)
+}
+
+fn stable_name_among(links: &Path, path: &Path) -> Option<PathBuf> {
+    if path.starts_with(links) {
+        return Some(path.to_owned());
+    }
     let target = path.canonicalize().ok()?;
     STABLE.iter().find_map(|folder| {
-        let mut links: Vec<PathBuf> = std::fs::read_dir(folder)
+        let mut links: Vec<PathBuf> = std::fs::read_dir(links.join(folder))
             .ok()?
             .filter_map(|entry| Some(entry.ok()?.path()))
             .collect();
@@ -138,40 +154,19 @@ pub(super) fn stable_name(path: &Path) -> Option<PathBuf> {
     })
 }
 
-/// The format that all devices have in this size: the one that was asked for, or the first of [`PixelFormat::ALL`].
+/// The format that all devices have in this size: the one that was asked for, or the one that [`format_of_all`] prefers at this rate.
 pub(super) fn common_format(
     devices: &[Device],
     names: &[String],
     size: (usize, usize),
     asked: Option<PixelFormat>,
+    fps: Option<f64>,
 ) -> Result<PixelFormat, CaptureError> {
     let mut have = Vec::new();
     for (device, name) in devices.iter().zip(names) {
-        have.push(formats_with(device, name, size, asked)?);
+        have.push(offers_of(device, name, size, asked)?);
     }
-    format_of_all(names, &have, size)
-}
-
-/// The first of [`PixelFormat::ALL`] that stands in every list.
-fn format_of_all(
-    names: &[String],
-    have: &[Vec<PixelFormat>],
-    (width, height): (usize, usize),
-) -> Result<PixelFormat, CaptureError> {
-    let common = PixelFormat::ALL
-        .into_iter()
-        .find(|format| have.iter().all(|h| h.contains(format)));
-    common.ok_or_else(|| {
-        let told = |(name, formats): (&String, &Vec<PixelFormat>)| {
-            let formats: Vec<&str> = formats.iter().map(|f| f.name()).collect();
-            format!("{name} gives {}", formats.join(", "))
-        };
-        let all: Vec<String> = names.iter().zip(have).map(told).collect();
-        CaptureError::Unequal(format!(
-            "{} in {width}x{height} pixels; there must be one format that both have: use two cameras of one type, or a size in which they share a format",
-            all.join(", ")
-        ))
-    })
+    format_of_all(names, &have, size, fps)
 }
 
 /// Refuse rates that differ by more than 1 %, where both are told.
@@ -186,26 +181,39 @@ pub(super) fn one_rate(names: &[String], fps: &[Option<f64>]) -> Result<(), Capt
     }
 }
 
-/// The formats that a device gives in this size; never empty.
-fn formats_with(
+/// The formats that a device gives in this size, and how fast; never empty.
+fn offers_of(
     device: &Device,
     name: &str,
     size: (usize, usize),
     asked: Option<PixelFormat>,
-) -> Result<Vec<PixelFormat>, CaptureError> {
+) -> Result<Vec<Offer>, CaptureError> {
     let offered = guarded(name, || device.enum_formats())?;
     let offered: Vec<FourCC> = offered.iter().map(|o| o.fourcc).collect();
     let known = known_formats(name, &offered, asked)?;
-    let fitting: Vec<PixelFormat> = known
-        .iter()
-        .copied()
+    let fitting: Vec<Offer> = (known.iter().copied())
         .filter(|f| has_size(device, name, *f, size))
+        .map(|format| Offer {
+            format,
+            fastest_fps: fastest_fps(device, name, format, size),
+        })
         .collect();
     if fitting.is_empty() {
         let sizes = known.first().map(|f| sizes_of(device, *f));
         return Err(no_size(name, size, &sizes.unwrap_or_default()));
     }
     Ok(fitting)
+}
+
+/// The highest rate of a format in this size, when the driver tells one.
+fn fastest_fps(
+    device: &Device,
+    name: &str,
+    format: PixelFormat,
+    (width, height): (usize, usize),
+) -> Option<f64> {
+    let size = (u32::try_from(width).ok()?, u32::try_from(height).ok()?);
+    rates(device, name, fourcc(format), size).first().copied()
 }
 
 fn unusable(name: &str, why: String) -> CaptureError {
@@ -362,10 +370,9 @@ impl Mode {
 
 #[cfg(test)]
 mod tests {
-    //! Proves: what two devices offer becomes the first format of both, and whoever offers too little, or something else than the other one, is told so with
-    //! what to do; rates that differ by more than a hundredth are refused.
+    //! Proves: whoever offers too little is told so with what to do; rates that differ by more than a hundredth are refused.
     use super::*;
-    use PixelFormat::{Grey, Mjpeg, Nv12, Rgb24, Yuyv};
+    use PixelFormat::{Grey, Mjpeg, Yuyv};
 
     fn names() -> [String; 2] {
         ["/dev/video0", "/dev/video2"].map(str::to_owned)
@@ -373,23 +380,6 @@ mod tests {
 
     fn told<T: std::fmt::Debug>(result: Result<T, CaptureError>) -> String {
         result.unwrap_err().to_string()
-    }
-
-    #[test]
-    fn the_first_format_of_both() {
-        let both = |left: &[PixelFormat], right: &[PixelFormat]| {
-            format_of_all(&names(), &[left.to_vec(), right.to_vec()], (640, 480))
-        };
-        assert_eq!(both(&[Mjpeg, Yuyv], &[Yuyv, Mjpeg]).unwrap(), Yuyv);
-        assert_eq!(both(&[Yuyv, Mjpeg], &[Grey, Mjpeg]).unwrap(), Mjpeg);
-        assert_eq!(both(&[Grey, Nv12, Rgb24], &[Nv12, Rgb24]).unwrap(), Rgb24);
-        let alone = format_of_all(&names()[..1], &[vec![Grey]], (640, 480));
-        assert_eq!(alone.unwrap(), Grey);
-        assert_eq!(
-            told(both(&[Yuyv, Nv12], &[Mjpeg])),
-            "left and right do not belong together: /dev/video0 gives YUYV, NV12, /dev/video2 gives MJPG in 640x480 pixels; there must be one format that both \
-             have: use two cameras of one type, or a size in which they share a format"
-        );
     }
 
     #[test]
@@ -401,6 +391,40 @@ mod tests {
         let differ = "left and right do not belong together: /dev/video0 gives 30.00 pictures a second, /dev/video2 15.00; ask for a rate that both have";
         assert_eq!(told(rate(Some(30.0), Some(15.0))), differ);
         assert!(rate(Some(15.0), Some(30.0)).is_err());
+    }
+
+    /// A bus that has no room for a second camera is no full disk, and there is something to do about it.
+    #[test]
+    fn no_bandwidth_is_told_with_its_remedy() {
+        let error = Error::from_raw_os_error(ENOSPC);
+        let text = failed("/dev/video2", "cannot be read", &error).to_string();
+        assert_eq!(
+            text,
+            "/dev/video2 cannot be read: the USB bus has no bandwidth left for this camera beside the other; connect each to a USB controller of its own, or \
+             ask for less: --pixels mjpeg, a smaller --size"
+        );
+    }
+
+    /// A device named by its number is found again by its socket, one named by its serial number by that.
+    #[test]
+    fn the_link_that_was_named_is_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let device = folder.path().join("video0");
+        std::fs::write(&device, "").unwrap();
+        let links = folder.path().join("v4l");
+        let [socket, serial] = STABLE.map(|kind| {
+            std::fs::create_dir_all(links.join(kind)).unwrap();
+            let link = links.join(kind).join("camera");
+            std::os::unix::fs::symlink(&device, &link).unwrap();
+            link
+        });
+        let name = |path: &Path| stable_name_among(&links, path);
+        assert_eq!(name(&device), Some(socket.clone()));
+        assert_eq!(name(&serial), Some(serial.clone()));
+        assert_eq!(name(&socket), Some(socket.clone()));
+        std::fs::remove_file(&socket).unwrap();
+        assert_eq!(name(&device), Some(serial));
+        assert_eq!(name(&folder.path().join("video9")), None);
     }
 
     #[test]
