@@ -81,7 +81,7 @@ pub fn shown_from_bytes(bytes: &[u8], path: &Path) -> Result<ShownPicture, Image
 }
 
 /// A frame of motion JPEG, as cameras send it: RGB, its pixels as they lie in it, refused when anything is missing. Such frames may leave out their Huffman
-/// tables, which are then those of ITU-T T.81, annex K. A frame whose header asks for another size than the `wanted` one (width, height), or for more than
+/// tables, which are then those of ITU-T T.81, annex K, and the mark of their end, as long as all blocks are there. A frame whose header asks for another size than the `wanted` one (width, height), or for more than
 /// [`MAX_DECODE_BYTES`], is refused before memory is taken for it: a few bytes can promise a picture of any size.
 ///
 /// # Errors
@@ -94,7 +94,7 @@ pub fn rgb_from_motion_jpeg(bytes: &[u8], wanted: Option<(usize, usize)>) -> Res
         if too_large || wanted.is_some_and(|size| size != (width, height)) {
             return Err(format!("it is {width} x {height} pixels"));
         }
-        crate::jpeg::rgb_from_jpeg(&whole)
+        crate::jpeg::rgb_from_frame(&whole)
     };
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode))
         .unwrap_or_else(|_| Err("the decoder gave up on it".to_owned()))

@@ -30,11 +30,44 @@ pub(crate) const START: [u8; 3] = [0xff, 0xd8, 0xff];
 pub(crate) const PRINT_COLOURS: &str =
     "its colours are CMYK, for printing; convert it to RGB and read that";
 
+/// The mark of the end.
+const END: [u8; 2] = [0xff, 0xd9];
+
 const BROKEN_OFF: &str = "its data break off";
 
 /// The picture, or what is wrong with the file.
 pub(crate) fn rgb_from_jpeg(bytes: &[u8]) -> Result<Rgb, String> {
     check(bytes)?;
+    decoded(bytes)
+}
+
+/// The picture of a frame of motion JPEG, which need not have the mark of its end: some cameras leave it out, or fill up what they send. All of its blocks
+/// must be there and be counted.
+pub(crate) fn rgb_from_frame(bytes: &[u8]) -> Result<Rgb, String> {
+    let Err(why) = check(bytes) else {
+        return decoded(bytes);
+    };
+    let ended = with_end(bytes);
+    match check(&ended) {
+        Ok(Counted::All) => decoded(&ended),
+        _ => Err(why),
+    }
+}
+
+/// A frame without what fills it up, and with the mark of its end. Zeros that fill up would be read as blocks, and stand in for those that a cut has taken:
+/// one is left, since the last byte of the data may be zero.
+fn with_end(bytes: &[u8]) -> Vec<u8> {
+    let mut data = bytes.strip_suffix(&END).unwrap_or(bytes);
+    while let Some(shorter) = data.strip_suffix(&[0xff]) {
+        data = shorter;
+    }
+    while data.ends_with(&[0, 0]) {
+        data = &data[..data.len() - 1];
+    }
+    [data, &END].concat()
+}
+
+fn decoded(bytes: &[u8]) -> Result<Rgb, String> {
     let mut decoder = decoder(bytes);
     decoder.decode_headers().map_err(|e| e.to_string())?;
     if let Some(ColorSpace::CMYK | ColorSpace::YCCK) = decoder.input_colorspace() {
@@ -133,16 +166,29 @@ fn options() -> DecoderOptions {
         .set_max_height(MAX_SIDE as usize)
 }
 
+/// Which blocks of a whole file were counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Counted {
+    All,
+    /// Not those of each component: of a progressive picture none.
+    Some,
+}
+
 /// Whether a file is whole; see the module.
-pub(crate) fn check(bytes: &[u8]) -> Result<(), String> {
+pub(crate) fn check(bytes: &[u8]) -> Result<Counted, String> {
     let mut file = File::default();
+    let mut components = 0;
     let mut rest = bytes.get(2..).ok_or(BROKEN_OFF)?;
     let mut scans = 0;
     loop {
         let (mark, after) = next_mark(rest)?;
         // T.81, table B.1.
         match mark {
-            0xd9 if scans > 0 => return Ok(()),
+            0xd9 if scans > 0 => {
+                let wanted = file.frame.as_ref().map(|frame| frame.components.len());
+                let all = wanted.is_some_and(|wanted| components == wanted);
+                return Ok(if all { Counted::All } else { Counted::Some });
+            }
             0xd9 => return Err("it ends before its first scan".to_owned()),
             0x01 | 0xd0..=0xd8 => {
                 rest = after;
@@ -161,7 +207,10 @@ pub(crate) fn check(bytes: &[u8]) -> Result<(), String> {
             0xda => {
                 scans += 1;
                 rest = match file.scan(body)? {
-                    Some(scan) => scan.after(rest)?,
+                    Some(scan) => {
+                        components += scan.components;
+                        scan.after(rest)?
+                    }
                     None => after_data(rest),
                 };
             }
@@ -214,6 +263,7 @@ struct Table(Vec<(u8, u8)>);
 struct Scan<'a> {
     /// The DC and the AC table of each block of a unit.
     blocks: Vec<[&'a Table; 2]>,
+    components: usize,
     units: usize,
     restart_every: usize,
 }
@@ -320,6 +370,7 @@ impl File {
             inside.push(at);
         }
         Ok(Some(Scan {
+            components: inside.len(),
             units: frame.units(&inside),
             blocks,
             restart_every: self.restart_every,
@@ -523,8 +574,43 @@ mod tests {
             whole
         );
         assert_eq!(whole, rgb_from_jpeg(&bytes).unwrap());
-        for length in 0..bare.len() {
+        for length in 0..bare.len() - 2 {
             assert!(crate::files::rgb_from_motion_jpeg(&bare[..length], None).is_err());
+        }
+    }
+
+    /// A frame without the mark of its end, filled up or not, gives the same picture; one that lacks more is refused, filled up or not.
+    #[test]
+    fn frames_without_an_end() {
+        let frame = |bytes: &[u8]| crate::files::rgb_from_motion_jpeg(bytes, None);
+        let bytes = jpeg_from_rgb(&picture()).unwrap();
+        let whole = frame(&bytes).unwrap();
+        let bare = &bytes[..bytes.len() - 2];
+        for fill in [0, 0xff] {
+            for count in [0, 1, 2, 7, 500, 40_000] {
+                let filled = [bare, &vec![fill; count]].concat();
+                assert_eq!(frame(&filled).unwrap(), whole, "{count} of {fill}");
+                assert!(rgb_from_jpeg(&filled).is_err());
+                let ended = [&filled[..], &END].concat();
+                assert_eq!(frame(&ended).unwrap(), whole, "{count} of {fill}");
+            }
+        }
+        for length in (0..bare.len())
+            .rev()
+            .step_by(7)
+            .chain(bare.len() - 20..bare.len())
+        {
+            assert!(frame(&bare[..length]).is_err(), "{length}");
+            assert!(
+                frame(&[&bare[..length], &[0xff; 300]].concat()).is_err(),
+                "{length}"
+            );
+        }
+        for length in (0..bare.len() - 60).rev().step_by(101) {
+            assert!(
+                frame(&[&bare[..length], &[0; 40_000]].concat()).is_err(),
+                "{length}"
+            );
         }
     }
 

@@ -10,12 +10,13 @@ mod choice;
 mod controls;
 mod device;
 
+use std::io::Error;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use moq_v4l::buffer::{Flags, Type};
 use moq_v4l::io::mmap::Stream;
-use moq_v4l::io::traits::CaptureStream as _;
+use moq_v4l::io::traits::{CaptureStream as _, Stream as _};
 use moq_v4l::{Device, FourCC};
 use vergence_geometry::Eye;
 use vergence_imaging::{Rgb, files};
@@ -35,6 +36,12 @@ use crate::clock::{Clock as _, RealClock};
 
 /// Buffers that the driver fills in turn.
 const BUFFERS: u32 = 4;
+
+/// More buffers than any driver makes of these (`VIDEO_MAX_FRAME`).
+const MOST_BUFFERS: usize = 32;
+
+/// How long a frame that is ready may take to be handed over.
+const FETCH: Duration = Duration::from_secs(2);
 
 /// A gap in the numbers larger than this is a counter that was set back, not a loss.
 const MOST_LOST: u32 = 10_000;
@@ -191,18 +198,17 @@ impl Camera for V4l2Camera {
         let Some(stream) = self.stream.as_mut() else {
             return Ok(Got::Nothing);
         };
-        if self.streaming {
-            // Waiting before the oldest buffer goes back keeps that call from waiting, and a time-out leaves everything as it was.
-            let ready = stream.handle().poll(POLLIN, wait.as_millis() as i32);
-            if ready.map_err(|e| failed(name, "cannot be read", &e))? == 0 {
-                return Ok(Got::Nothing);
-            }
-        } else {
-            // The first call hands all buffers over and starts the device, which may take its time.
-            stream.set_timeout(Duration::from_secs(2));
+        if !self.streaming {
+            begin(stream).map_err(|e| failed(name, "cannot be read", &e))?;
+            self.streaming = true;
+        }
+        // Waiting before the oldest buffer goes back keeps that call from waiting, and a time-out leaves everything as it was. The first frame may take as long
+        // as the reader bears: a head that is slow to begin, a trigger that has not come.
+        let ready = stream.handle().poll(POLLIN, wait.as_millis() as i32);
+        if ready.map_err(|e| failed(name, "cannot be read", &e))? == 0 {
+            return Ok(Got::Nothing);
         }
         let read = stream.next();
-        self.streaming = true;
         let (bytes, meta) = read.map_err(|e| failed(name, "cannot be read", &e))?;
         let lost = match self.last.replace(meta.sequence) {
             Some(last) => {
@@ -227,6 +233,21 @@ impl Camera for V4l2Camera {
             None => Got::Torn { lost },
         })
     }
+}
+
+/// Hand all buffers over but the first and start the device. The first one is what [`Stream`] hands over itself when it is asked for a frame, as it then does
+/// with the one that it gave before.
+fn begin(stream: &mut Stream<'_>) -> Result<(), Error> {
+    for index in 1..MOST_BUFFERS {
+        match stream.queue(index) {
+            // There are no more.
+            Err(error) if index > 1 && error.raw_os_error() == Some(device::EINVAL) => break,
+            other => other?,
+        }
+    }
+    // Of a frame that is ready nothing takes long.
+    stream.set_timeout(FETCH);
+    stream.start()
 }
 
 impl Drop for V4l2Camera {

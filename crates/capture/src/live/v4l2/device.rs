@@ -30,7 +30,7 @@ const STABLE: [&str; 2] = ["by-path", "by-id"];
 // The kernel's numbers of what can go wrong (`errno.h`), where the standard library has no name for them.
 const EBUSY: i32 = 16;
 const ENODEV: i32 = 19;
-const EINVAL: i32 = 22;
+pub(super) const EINVAL: i32 = 22;
 const ENOTTY: i32 = 25;
 const ENOSPC: i32 = 28;
 
