@@ -631,6 +631,7 @@ fn reading(
         wait: BACK_OFF[0],
         silence: Duration::from_secs_f64(config.silence_s),
         start: Duration::from_secs_f64(config.start_s),
+        size: None,
     };
     let name = match gives {
         Gives::One(Eye::Left) => "left camera",

@@ -250,6 +250,8 @@ pub(crate) struct Reader {
     pub(crate) silence: Duration,
     /// The same until the first frame of an opening, where that is longer.
     pub(crate) start: Duration,
+    /// Width and height of the first picture, once there was one: the calibration is one of this size.
+    pub(crate) size: Option<(usize, usize)>,
 }
 
 impl Reader {
@@ -288,6 +290,8 @@ impl Reader {
         let mut stamps = Stamps::with_delay(self.delay_s);
         let mut last_s = self.shared.clock.now_s();
         let mut limit_s = self.silence.max(self.start).as_secs_f64();
+        // Since the last whole picture, and how many were damaged since.
+        let mut damaged = (last_s, 0_u64);
         self.begin(camera.fps());
         loop {
             if self.stopped() {
@@ -303,18 +307,35 @@ impl Reader {
             };
             match camera.next(WAIT, reuse) {
                 Ok(Got::Frame(taken)) => {
+                    let (width, height) = taken.picture.size();
+                    let (wanted, wanted_height) = *self.size.get_or_insert((width, height));
+                    if (width, height) != (wanted, wanted_height) {
+                        return Some(format!(
+                            "gives {width}x{height} pixels now, not {wanted}x{wanted_height} as before: set it to that size again"
+                        ));
+                    }
                     last_s = self.shared.clock.now_s();
+                    damaged = (last_s, 0);
                     limit_s = self.silence.as_secs_f64();
                     self.tell_back();
                     self.take(taken, &mut look, &mut stamps);
                 }
                 Ok(Got::Torn { lost }) => {
                     last_s = self.shared.clock.now_s();
+                    damaged.1 += 1;
                     let mut state = self.shared.lock();
                     for &eye in self.sides() {
                         let counts = &mut state.sides[eye as usize].counts;
                         counts.torn += 1;
                         counts.lost += lost;
+                    }
+                    drop(state);
+                    let (whole_s, count) = damaged;
+                    if last_s - whole_s >= self.damaged_limit_s() {
+                        return Some(format!(
+                            "gave nothing but {count} damaged pictures for {:.1} s: look at its cable, and whether both cameras share one USB controller",
+                            last_s - whole_s
+                        ));
                     }
                 }
                 Ok(Got::Nothing) => {
@@ -330,6 +351,12 @@ impl Reader {
                 Err(error) => return Some(error.to_string()),
             }
         }
+    }
+
+    /// After how long with damaged pictures alone a camera has gone, s. A stream may begin with pictures that lean on one that was not seen, and the next that
+    /// does not may take seconds: half of the time that a start may take, so that a start that fails is told with its cause.
+    fn damaged_limit_s(&self) -> f64 {
+        self.silence.max(self.start / 2).as_secs_f64()
     }
 
     fn begin(&self, fps: Option<f64>) {

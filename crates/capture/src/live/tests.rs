@@ -31,6 +31,8 @@ enum Does {
     Repeat,
     /// A black picture.
     Dark,
+    /// A picture of half the width.
+    Narrow,
     Fail,
     Panic,
     /// No picture from here on.
@@ -85,11 +87,12 @@ impl Camera for Fake {
                 return Ok(Got::Nothing);
             }
             Does::Tear => return Ok(Got::Torn { lost: 0 }),
-            Does::Picture | Does::Repeat | Does::Dark | Does::Silence => {}
+            Does::Picture | Does::Repeat | Does::Dark | Does::Narrow | Does::Silence => {}
         }
         let shown = if does == Does::Repeat { 0 } else { k };
         // The left half shows the number, the right one its low byte turned about.
-        let picture = Rgb::from_fn(self.size.0, self.size.1, |x, _| {
+        let width = self.size.0 / if does == Does::Narrow { 2 } else { 1 };
+        let picture = Rgb::from_fn(width, self.size.1, |x, _| {
             if does == Does::Dark {
                 return [0; 3];
             }
@@ -261,6 +264,50 @@ fn a_slow_start_is_no_silence() {
     // The first few may lie before its opening.
     let lost = source.statistics().right.counts.lost;
     assert!((50..=60).contains(&lost), "{lost}");
+}
+
+/// A camera that comes back in another size has gone, is told with both sizes, and is back with the first picture of the old one; none of another size is paired.
+#[test]
+fn another_size_is_no_picture() {
+    let right = |k: u64| match k {
+        20..45 => Does::Narrow,
+        _ => Does::Picture,
+    };
+    let mut source = start(&config(), 0.0, [always, right]).unwrap();
+    let (pairs, events) = run(&mut source, 1.0);
+    assert!(pairs.iter().all(|pair| pair.right.picture.size() == SIZE));
+    let gone = events.iter().find(|e| e.kind == SourceEventKind::Gone);
+    let text = &gone.unwrap().text;
+    assert!(text.contains("gives 16x24 pixels now, not 32x24"), "{text}");
+    assert!(
+        kinds(&events).contains(&SourceEventKind::Back),
+        "{events:?}"
+    );
+    assert!(pairs.last().unwrap().right.capture_s > 0.5);
+}
+
+/// A camera all of whose pictures are damaged has gone after a while, and that is told; a few damaged ones between whole ones are borne.
+#[test]
+fn damaged_pictures_alone_are_none() {
+    let right = |k: u64| match k {
+        10..20 => Does::Tear,
+        40.. => Does::Tear,
+        _ => Does::Picture,
+    };
+    let quick = LiveConfig {
+        start_s: 0.6,
+        ..config()
+    };
+    let mut source = start(&quick, 0.0, [always, right]).unwrap();
+    let (pairs, events) = run(&mut source, 1.2);
+    assert!(!pairs.is_empty());
+    let gone = events.iter().find(|e| e.kind == SourceEventKind::Gone);
+    let gone = gone.unwrap();
+    assert!(
+        gone.text.contains("gave nothing but") && gone.text.contains("damaged pictures for 0."),
+        "{gone:?}"
+    );
+    assert!(gone.time_s > 0.6, "{gone:?}");
 }
 
 /// A camera that gave black pictures, broke off and came back with light ones is not taken for dark any more.
