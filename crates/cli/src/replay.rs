@@ -90,6 +90,7 @@ pub(crate) fn run(args: &ReplayArgs) -> anyhow::Result<()> {
     while let Some(pair) = source.next_pair(None).map_err(told)? {
         let recorded = source.recorded();
         if let Some(row) = &recorded.step {
+            servo.note_homings(row.homings);
             let step = servo.step(&pair, row.command_s)?;
             squares += comparison.take(recorded.estimate.as_ref(), &step);
             if let Some(recorder) = &mut out {

@@ -37,6 +37,7 @@ row! {
         tilt_rad: f64 = "tilt, rad, + up",
         left_vergence_rad: f64 = "turn of the left camera, rad, + right",
         right_vergence_rad: f64 = "turn of the right camera, rad, + right",
+        homings: u64 = "how often homing was begun before, in this run",
     }
 }
 

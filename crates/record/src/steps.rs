@@ -57,7 +57,10 @@ pub(crate) fn step(step: &Step) -> rows::Step {
         reason: word(&step.reason),
         action: control.map(|c| c.state.name().to_owned()),
         mode: control.map(|c| c.mode.name().to_owned()),
-        refused: control.and_then(|c| c.refused.as_ref().map(ToString::to_string)),
+        refused: match &step.refused {
+            Some(error) => Some(error.to_string()),
+            None => control.and_then(|c| c.refused.as_ref().map(ToString::to_string)),
+        },
         left_x_m: left.x,
         left_y_m: left.y,
         left_z_m: left.z,
@@ -68,6 +71,7 @@ pub(crate) fn step(step: &Step) -> rows::Step {
         tilt_rad,
         left_vergence_rad,
         right_vergence_rad,
+        homings: step.homings,
     }
 }
 

@@ -43,6 +43,7 @@ pub struct Conductor {
     refused_pairs: u64,
     /// Why the newest pair was not used.
     refusal: Option<String>,
+    unfollowed: Option<Step>,
 }
 
 /// A pair that is so many times older than what makes a camera stale is not used at all.
@@ -69,6 +70,7 @@ impl Conductor {
             following: None,
             doubt: None,
             lost_zero: None,
+            unfollowed: None,
             events: Vec::new(),
             refused_pairs: 0,
             refusal: None,
@@ -94,6 +96,7 @@ impl Conductor {
     /// doubt, and the rig holds.
     pub fn take(&mut self, pair: &StereoFrame, now_s: f64) -> Result<Option<Step>, ServoError> {
         self.refusal = None;
+        self.unfollowed = None;
         if self.servo.drive_mut().is_none() {
             return self.servo.step(pair, now_s).map(Some);
         }
@@ -142,16 +145,20 @@ impl Conductor {
             _ => Permit::Hold,
         });
         match self.servo.step(pair, now_s) {
-            Ok(step) => {
-                self.note_step(&step, now_s);
-                Ok(Some(step))
-            }
+            Ok(step) => match step.refused {
+                None => {
+                    self.note_step(&step, now_s);
+                    Ok(Some(step))
+                }
+                Some(error) => {
+                    self.doubt_axes(&error.to_string(), now_s);
+                    self.unfollowed = Some(step);
+                    Ok(None)
+                }
+            },
+            // Without positions there is no geometry.
             Err(ServoError::Axis(error)) => {
-                // Without positions there is no geometry; what moves, stands.
-                let reason = error.to_string();
-                self.refusal = Some(reason.clone());
-                self.doubt.get_or_insert(reason);
-                self.obey(Orders::Hold, now_s);
+                self.doubt_axes(&error.to_string(), now_s);
                 Ok(None)
             }
             Err(error) => {
@@ -159,6 +166,19 @@ impl Conductor {
                 Err(error)
             }
         }
+    }
+
+    /// Axes refused: what moves, stands.
+    fn doubt_axes(&mut self, reason: &str, now_s: f64) {
+        self.refusal = Some(reason.to_owned());
+        self.doubt.get_or_insert_with(|| reason.to_owned());
+        self.obey(Orders::Hold, now_s);
+    }
+
+    /// The step of the newest pair, where the loop saw it and believed it, but the axes refused what followed from it: it belongs to the record, and is no
+    /// step of a rig that follows.
+    pub fn take_unfollowed(&mut self) -> Option<Step> {
+        self.unfollowed.take()
     }
 
     /// How often a picture must come again bit for bit until its camera is frozen; 0: never. Video streams repeat a scene that stands still.

@@ -13,6 +13,7 @@ mod prior;
 pub mod rest;
 pub mod rigging;
 pub mod servo;
+mod spoilt;
 pub mod stages;
 pub mod step;
 mod target;
@@ -25,7 +26,9 @@ pub use error::ServoError;
 pub use prior::disparity_of_point;
 pub use rest::{Rest, bring_to_rest};
 pub use rigging::{Motors, Permit, Rigging};
-pub use servo::{Servo, ServoSettings, Spoilt};
+pub use servo::{Servo, ServoSettings};
+#[doc(hidden)]
+pub use spoilt::Spoilt;
 pub use stages::{Stage, StageTimes, Stopwatch};
 pub use step::{Measured, Step};
 pub use watch::{HealthNote, WatchSettings};

@@ -18,6 +18,7 @@ use crate::bearings::Look;
 use crate::error::ServoError;
 use crate::prior::prior_from_estimate;
 use crate::rigging::{Permit, Rigging, Stance};
+use crate::spoilt::{self, Spoilt};
 use crate::stages::{Stage, StageTimes};
 use crate::step::{Measured, Step};
 use crate::target::{Place, Target};
@@ -59,20 +60,11 @@ pub struct Servo {
     target: Target,
     watch: Watch,
     zeros: Zeros,
+    homings: u64,
     /// Set when the cameras stand too wide for patches of one to be found in the other.
     wide: Option<TwoViewTracker>,
     wide_state: FollowState,
     spoilt: Option<Spoilt>,
-}
-
-/// A number of the loop itself that is none, as a defect would make it.
-#[doc(hidden)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Spoilt {
-    /// What is measured of the target: its disparity, its direction.
-    Measurement,
-    /// Where the control law believes it to be.
-    Aim,
 }
 
 /// Grey picture and pyramid of one eye, kept between steps.
@@ -140,6 +132,7 @@ impl Servo {
             target: Target::new(filter, settings.follow.coast_s)?,
             watch: Watch::new(info.cameras, settings.watch),
             zeros: Zeros::new(&settings.watch),
+            homings: 0,
             spoilt: None,
         })
     }
@@ -173,12 +166,18 @@ impl Servo {
             let estimate = self.target.at(capture_s);
             let estimate = estimate.map(|e| self.rigging.honest(e));
             let mut aim = self.target.at(now_s);
-            self.spoil_aim(&mut aim);
-            let control = self.drive(&stance, aim.as_ref(), now_s)?;
+            spoilt::aim(self.spoilt, &mut aim);
+            // What was seen was seen, whether the axes take what follows from it or not.
+            let control = match self.drive(&stance, aim.as_ref(), now_s) {
+                Err(ServoError::Axis(error)) => (None, Some(error)),
+                control => (control?, None),
+            };
             Ok::<_, ServoError>((update, estimate, aim, control))
         })?;
-        let lost_zero = times.timed(Stage::Health, || {
-            self.look_at_zeros(capture_s, &report, &stance)
+        let (control, refused) = control;
+        let lost_zero = times.timed(Stage::Health, || match refused {
+            None => self.look_at_zeros(capture_s, &report, &stance),
+            Some(_) => None,
         });
         Ok(Step {
             index: pair.index,
@@ -197,6 +196,8 @@ impl Servo {
             aim,
             mode_change: control.as_ref().and_then(|c| c.mode_change.clone()),
             control,
+            refused,
+            homings: self.homings,
             health,
             lost_zero,
             times,
@@ -303,8 +304,16 @@ impl Servo {
 
     /// The axes are about to be homed: what the pictures said of their zeros, and what was corrected of the right one, counts no more.
     pub fn begin_homing(&mut self) {
-        self.zeros.begin_homing();
-        self.watch.begin_anew();
+        self.note_homings(self.homings.saturating_add(1));
+    }
+
+    /// The same, in a replay of a run in which that has been so often by now.
+    pub fn note_homings(&mut self, homings: u64) {
+        if homings > self.homings {
+            self.homings = homings;
+            self.zeros.begin_homing();
+            self.watch.begin_anew();
+        }
     }
 
     /// Take the answer of the look at the rig's health that is under way, if any: after the last step.
@@ -365,6 +374,8 @@ impl Servo {
             mode_change: None,
             health: None,
             lost_zero: None,
+            refused: None,
+            homings: self.homings,
             times,
         })
     }
@@ -401,21 +412,6 @@ impl Servo {
     #[doc(hidden)]
     pub fn spoil(&mut self, spoilt: Option<Spoilt>) {
         self.spoilt = spoilt;
-    }
-
-    fn spoil_measurement(&self, found: &mut Option<measure::Measurement>) {
-        if let (Some(Spoilt::Measurement), Some(found)) = (self.spoilt, found) {
-            found.disparity_px = f64::NAN;
-            found.left_px.x = f64::NAN;
-            found.point_in_base.z = f64::NAN;
-        }
-    }
-
-    fn spoil_aim(&self, aim: &mut Option<TargetEstimate>) {
-        if let (Some(Spoilt::Aim), Some(aim)) = (self.spoilt, aim) {
-            aim.position_in_base.x = f64::NAN;
-            aim.velocity_in_base.z = f64::NAN;
-        }
     }
 
     fn check_sizes(&self, pair: &StereoFrame) -> Result<(), ServoError> {
@@ -495,7 +491,7 @@ impl Servo {
         let report = self.matcher.measure(&views, &region, prior.as_ref());
         let nearer_fraction = report.nearer_fraction(prior.as_ref(), self.relief_m);
         let mut found = report.outcome.ok();
-        self.spoil_measurement(&mut found);
+        spoilt::measurement(self.spoilt, &mut found);
         let note =
             distance_of(found.as_ref(), prior.as_ref()).map(|(distance_m, sigma_m)| RangeNote {
                 distance_m,

@@ -1,7 +1,7 @@
 //! What one step of the loop saw, believed and did: the one message that recordings, panels and reports are made of.
 
 use nalgebra::{Isometry3, Point2, Point3};
-use vergence_control::{ControlOutput, ModeChange};
+use vergence_control::{AxisError, ControlOutput, ModeChange};
 use vergence_geometry::HeadAngles;
 use vergence_track::filter::{TargetEstimate, Update};
 use vergence_track::{FollowState, PixelBox, Reason, Sighting};
@@ -43,6 +43,10 @@ pub struct Step {
     pub aim: Option<TargetEstimate>,
     /// What was asked of the motors; `None` for cameras that do not move.
     pub control: Option<ControlOutput>,
+    /// Why the axes refused what was asked of them in the end; `control` is `None` then.
+    pub refused: Option<AxisError>,
+    /// How often homing was begun before: what was corrected and seen until then counts no more.
+    pub homings: u64,
     /// Set when the mode changed in this step.
     pub mode_change: Option<ModeChange>,
     /// What a look at the rig's health said; set in the steps in which an answer was taken.

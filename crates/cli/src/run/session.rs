@@ -210,7 +210,9 @@ fn follow(
             None if plan.rehearsed => (clock.now_s() - elapsed_s).max(0.0),
             None => 0.0,
         };
-        match conductor.take(&pair, now_s)? {
+        let step = conductor.take(&pair, now_s)?;
+        // What the axes refused to follow was seen and believed all the same.
+        match step.or_else(|| conductor.take_unfollowed()) {
             Some(step) => {
                 let row = log.take(feed, conductor, &pair, step, plan)?;
                 folder.row(&row);

@@ -126,6 +126,8 @@ pub(crate) fn step(pair: &StereoFrame) -> Step {
         mode_change: None,
         health: None,
         lost_zero: None,
+        refused: None,
+        homings: 0,
         times: StageTimes::default(),
     }
 }

@@ -1,5 +1,5 @@
 //! Proves, with a drive that does as it is told: slow cameras are no doubt, a refused homing is not taken for done, an axis whose place is not known is not
-//! moved, and cameras that stand still have no supervisor. The rest of the conductor is tried by the fault simulation (`vergence-soak`).
+//! moved, what was seen is kept whether the axes follow it or not, and cameras that stand still have no supervisor. The rest of the conductor is tried by the fault simulation (`vergence-soak`).
 use std::sync::{Arc, Mutex};
 
 use nalgebra::Isometry3;
@@ -26,6 +26,20 @@ struct Said {
     homings: usize,
     commands: Vec<[AxisCommand; 4]>,
     heard_s: f64,
+    /// Pan takes no orders.
+    refuses: bool,
+}
+
+impl Said {
+    fn answer(&self) -> [Result<(), AxisError>; 4] {
+        let axis = AxisName::Pan;
+        let state = AxisState::Fault;
+        let mut answer = [Ok(()); 4];
+        if self.refuses {
+            answer[0] = Err(AxisError::NotReady { axis, state });
+        }
+        answer
+    }
 }
 
 struct Obedient(Arc<Mutex<Said>>);
@@ -44,12 +58,13 @@ impl Drive for Obedient {
     }
 
     fn command(&mut self, commands: &[AxisCommand; 4], _now_s: f64) -> [Result<(), AxisError>; 4] {
-        self.0.lock().unwrap().commands.push(*commands);
-        [Ok(()); 4]
+        let mut said = self.0.lock().unwrap();
+        said.commands.push(*commands);
+        said.answer()
     }
 
     fn hold(&mut self, _now_s: f64) -> [Result<(), AxisError>; 4] {
-        [Ok(()); 4]
+        self.0.lock().unwrap().answer()
     }
 
     fn home(&mut self, _now_s: f64) -> Result<(), AxisError> {
@@ -242,6 +257,31 @@ fn an_unknown_axis_is_not_moved() {
             .iter()
             .all(|c| matches!(c[0], AxisCommand::Follow(_)))
     );
+}
+
+/// What was seen in a pair after which an axis refused belongs to the record, but is no step of a rig that follows.
+#[test]
+fn what_an_axis_refuses_to_follow_was_seen() {
+    let (mut conductor, said) = rig(SupervisorSettings::default());
+    let mut index = 0;
+    let mut take = |conductor: &mut Conductor| {
+        index += 1;
+        let now_s = 1.0 + 0.03 * index as f64;
+        let taken = conductor.take(&pair(index, now_s - 0.02, 0.01), now_s);
+        taken.unwrap().is_some()
+    };
+    assert!(take(&mut conductor));
+    assert!(conductor.take_unfollowed().is_none());
+    said.lock().unwrap().refuses = true;
+    assert!(!take(&mut conductor));
+    let refusal = conductor.refusal().map(str::to_owned).unwrap();
+    let step = conductor.take_unfollowed().unwrap();
+    assert_eq!((step.index, step.control.is_none()), (2, true));
+    assert_eq!(step.refused.unwrap().to_string(), refusal);
+    assert!(conductor.take_unfollowed().is_none());
+    said.lock().unwrap().refuses = false;
+    assert!(take(&mut conductor));
+    assert!(conductor.take_unfollowed().is_none());
 }
 
 /// Cameras that stand still are nobody's to stop: no stall, no stop, no change of state.
