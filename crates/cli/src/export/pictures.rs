@@ -14,9 +14,10 @@ use crate::fault::{self, Fault};
 /// Name of the film.
 pub(super) const VIDEO: &str = "side_by_side.mp4";
 
-/// Time for which the last picture is to be shown, s (ffmpeg 5.1 leaves it out, and players hold that picture), and the longest for any.
+/// Time for which the last picture is to be shown, s (ffmpeg 5.1 leaves it out, and players hold that picture), and the longest for any: a
+/// recording with false times makes no film of years.
 const LAST_S: f64 = 1.0 / 30.0;
-const LONGEST_S: f64 = 5.0;
+const LONGEST_S: f64 = 3600.0;
 
 /// The pictures of an export while they are written.
 pub(super) struct Pictures {
