@@ -43,6 +43,7 @@ pub struct Conductor {
     refused_pairs: u64,
     /// Why the newest pair was not used.
     refusal: Option<String>,
+    /// The step of the newest pair, if axes refused what followed from it.
     unfollowed: Option<Step>,
 }
 
@@ -89,7 +90,8 @@ impl Conductor {
         self.obey(orders, now_s);
     }
 
-    /// Take a pair: judge it, decide, and go through the loop with it. `None` when the pair was not used; [`Self::refusal`] says why.
+    /// Take a pair: judge it, decide, and go through the loop with it. `None` when the pair was not used, or axes refused what follows from it
+    /// ([`Self::take_unfollowed`]); [`Self::refusal`] says why.
     ///
     /// # Errors
     /// What a repetition would not mend: pictures of another size, tracking that cannot be set up. Axes that refuse are no error: they are a

@@ -138,7 +138,7 @@ impl Servo {
     }
 
     /// Everything that follows from one pair. `now_s` is the time at which the setpoints are given, on the clock of the
-    /// pair's times: not before its arrival and never decreasing.
+    /// pair's times: not before its arrival and never decreasing. Axes that refuse what follows are no error: the step says so.
     pub fn step(&mut self, pair: &StereoFrame, now_s: f64) -> Result<Step, ServoError> {
         self.check_sizes(pair)?;
         let mut times = StageTimes::default();

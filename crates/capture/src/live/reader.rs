@@ -290,8 +290,8 @@ impl Reader {
         let mut stamps = Stamps::with_delay(self.delay_s);
         let mut last_s = self.shared.clock.now_s();
         let mut limit_s = self.silence.max(self.start).as_secs_f64();
-        // Since the last whole picture, and how many were damaged since.
-        let mut damaged = (last_s, 0_u64);
+        // When the first damaged picture since the last whole one came, and how many there were.
+        let mut damaged: Option<(f64, u64)> = None;
         self.begin(camera.fps());
         loop {
             if self.stopped() {
@@ -315,14 +315,16 @@ impl Reader {
                         ));
                     }
                     last_s = self.shared.clock.now_s();
-                    damaged = (last_s, 0);
+                    damaged = None;
                     limit_s = self.silence.as_secs_f64();
                     self.tell_back();
                     self.take(taken, &mut look, &mut stamps);
                 }
                 Ok(Got::Torn { lost }) => {
                     last_s = self.shared.clock.now_s();
-                    damaged.1 += 1;
+                    let (since_s, count) = damaged.get_or_insert((last_s, 0));
+                    *count += 1;
+                    let (damaged_s, count) = (last_s - *since_s, *count);
                     let mut state = self.shared.lock();
                     for &eye in self.sides() {
                         let counts = &mut state.sides[eye as usize].counts;
@@ -330,11 +332,9 @@ impl Reader {
                         counts.lost += lost;
                     }
                     drop(state);
-                    let (whole_s, count) = damaged;
-                    if last_s - whole_s >= self.damaged_limit_s() {
+                    if damaged_s >= self.damaged_limit_s() {
                         return Some(format!(
-                            "gave nothing but {count} damaged pictures for {:.1} s: look at its cable, and whether both cameras share one USB controller",
-                            last_s - whole_s
+                            "gave nothing but {count} damaged pictures for {damaged_s:.1} s: look at its cable, and whether both cameras share one USB controller"
                         ));
                     }
                 }

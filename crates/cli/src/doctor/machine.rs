@@ -129,7 +129,10 @@ fn loop_times_ms(twin: &TwinConfig) -> Option<Vec<f64>> {
     while times.len() < FRAMES && (start.elapsed() < MOST || times.is_empty()) {
         let pair = source.next_pair(reuse.take()).ok()??;
         let before = Instant::now();
-        servo.step(&pair, pair.arrival_s() + 0.01).ok()?;
+        let step = servo.step(&pair, pair.arrival_s() + 0.01).ok()?;
+        if step.refused.is_some() {
+            return None;
+        }
         times.push(before.elapsed().as_secs_f64() * 1e3);
         reuse = Some(pair);
     }

@@ -51,7 +51,10 @@ pub(crate) fn row_from_step(truth: Option<Truth>, scene: &Scene, screening: &Scr
         shown_px,
         parallax_m,
         parallax_arcmin: parallax_m.map(|p| arcmin_from_parallax(p, &screening.viewer)),
-        refused: control.and_then(|c| c.refused.as_ref()).map(refusal),
+        refused: match step.refused {
+            Some(_) => Some("axis"),
+            None => control.and_then(|c| c.refused.as_ref()).map(refusal),
+        },
         clamped: control.map_or([false; 4], |c| c.clamped),
     }
 }

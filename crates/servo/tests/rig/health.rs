@@ -230,6 +230,7 @@ fn run(config: TwinConfig, watch: WatchSettings) -> (Vec<Look>, Vec<(f64, f64)>)
     let mut next = source.next_pair(None).unwrap();
     while let Some(pair) = next {
         let step = servo.step(&pair, pair.arrival_s() + 0.01).unwrap();
+        assert_eq!(step.refused, None);
         if let Some(note) = &step.health
             && let Some(health) = &note.health
         {

@@ -60,6 +60,7 @@ fn run(config: TwinConfig) -> Vec<Seen> {
     let mut reuse = None;
     while let Some(pair) = source.next_pair(reuse.take()).unwrap() {
         let step = servo.step(&pair, pair.arrival_s() + PROCESSING_S).unwrap();
+        assert_eq!(step.refused, None);
         let truth = *source.truth_at(pair.index).unwrap();
         seen.push(Seen { step, truth });
         reuse = Some(pair);

@@ -61,7 +61,7 @@ pub(super) fn failed(name: &str, what: &str, error: &Error) -> CaptureError {
         }
         (_, Some(ENOTTY)) => "it is no camera".to_owned(),
         (_, Some(ENOSPC)) => {
-            "the USB bus has no bandwidth left for this camera beside the other; connect each to a USB controller of its own, or ask for less: --pixels mjpeg, a smaller --size"
+            "the USB bus has no bandwidth left for this camera beside the other; connect each to a USB controller of its own, or ask for less: --pixels mjpeg, or smaller pictures"
                 .to_owned()
         }
         _ => error.to_string(),
@@ -401,7 +401,7 @@ mod tests {
         assert_eq!(
             text,
             "/dev/video2 cannot be read: the USB bus has no bandwidth left for this camera beside the other; connect each to a USB controller of its own, or \
-             ask for less: --pixels mjpeg, a smaller --size"
+             ask for less: --pixels mjpeg, or smaller pictures"
         );
     }
 
